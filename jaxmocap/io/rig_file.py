@@ -1,0 +1,180 @@
+"""The rig as it is kept between commands, and how it is written: TOML that aniposelib and Pose2Sim read as theirs."""
+
+import importlib.metadata
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from jaxmocap._errors import InputError
+from jaxmocap.io.atomic import write_text
+from jaxmocap.io.camera_numbers import NamedCamera, check_names, plain_camera
+
+SCHEMA = 1
+"""Raised when the meaning of a key changes, so that an older jaxmocap refuses the file instead of misreading it."""
+
+UPS = ("", "x", "-x", "y", "-y", "z", "-z")
+"""World axis that points up; empty when nobody has said."""
+
+
+@dataclass(frozen=True)
+class RigFile:
+    """Cameras with what a rig file says about them."""
+
+    cameras: tuple[NamedCamera, ...]
+    """In order; the world of an unmoved rig is the first one."""
+    unit: str = "1"
+    """Unit of translations; "1": no physical unit."""
+    up: str = ""
+    """World axis that points up, one of `UPS`; "" is unknown."""
+    error: float | None = None
+    """RMS reprojection error [px]."""
+    sigmas: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Standard deviations by camera name and parameter name, in the unit of the parameter."""
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    """SHA-256 of the files it was computed from, by file name."""
+    seed: int | None = None
+    """Seed of the random numbers used, if any."""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    """Whatever else the command that wrote it wants to record."""
+    version: str = ""
+    """Version of jaxmocap that wrote the file; set by reading, ignored by writing."""
+    foreign_metadata: Mapping[str, Any] = field(default_factory=dict)
+    """Keys of [metadata] that are not ours: kept and written back."""
+    foreign_tables: Mapping[str, Any] = field(default_factory=dict)
+    """Tables that are no cameras: kept and written back within [metadata], where no reader takes them for one."""
+    warnings: tuple[str, ...] = ()
+    """What was odd when it was read, cameras included."""
+
+
+def write_rig(path: str | Path, rig: RigFile) -> list[str]:
+    """Write a rig as TOML, whole or not at all.
+
+    One table ``[cam_<name>]`` per camera with name, size, matrix, distortions (k1 k2 p1 p2 k3), rotation (vector,
+    world -> camera), translation; the rest in ``[metadata]``. Numbers are written so that they read back exactly.
+
+    Args:
+        path: the file.
+        rig: what to write.
+
+    Returns:
+        Sentences to say: what other programs will not see, what was left out.
+
+    Raises:
+        InputError: if the rig holds what no file can, or the file cannot be written.
+    """
+    text, said = rig_text(rig)
+    write_text(path, text)
+    return said
+
+
+def rig_text(rig: RigFile) -> tuple[str, list[str]]:
+    """The text that `write_rig` writes and the sentences it returns.
+
+    Raises:
+        InputError: as `write_rig`.
+    """
+    names = [named.name for named in rig.cameras]
+    check_names(names)
+    plain = {named.name: plain_camera(named) for named in rig.cameras}
+    said: list[str] = []
+    metadata = _metadata(rig, _skews(plain, said), _finite_sigmas(rig, said))
+    try:
+        tables = [
+            _camera_text(table, named, plain[named.name])
+            for table, named in zip(table_names(names), rig.cameras)
+        ]
+        return "\n".join([*tables, tomli_w.dumps({"metadata": metadata})]), said
+    except (TypeError, ValueError, RecursionError) as error:
+        raise InputError(f"rig: settings or foreign keys hold what TOML cannot store ({error}).") from error
+
+
+def _camera_text(table: str, named: NamedCamera, plain: Mapping[str, Any]) -> str:
+    """One camera's table; its arrays stand on one line each, where tomli_w would give every number its own."""
+    header = tomli_w.dumps({table: {}})
+    arrays = "".join(f"{key} = {value}\n" for key, value in plain.items())  # Python's lists are TOML's
+    foreign = tomli_w.dumps({table: named.foreign}).removeprefix(header) if named.foreign else ""
+    # fisheye = false is what Pose2Sim writes, and what keeps aniposelib from asking.
+    return header + tomli_w.dumps({"name": named.name}) + arrays + "fisheye = false\n" + foreign
+
+
+def table_names(names: list[str]) -> list[str]:
+    """TOML tables of cameras: cam_<name>, where a leading "cam" or "cam_" is not doubled.
+
+    Numbers are padded to one width, because aniposelib sorts tables as text: cam_10 would come before cam_2.
+    Where two cameras would meet in one table ("cam1" and "01"), all keep their full names.
+    """
+    matches = [re.fullmatch(r"(?:cam_?)?([0-9]+)", name) for name in names]
+    width = max((len(m[1]) for m in matches if m), default=0)
+    short = [
+        f"cam_{m[1].zfill(width)}"
+        if m
+        else name
+        if re.fullmatch("cam_.+", name, re.DOTALL)
+        else f"cam_{name}"
+        for name, m in zip(names, matches)
+    ]
+    return short if len(set(short)) == len(short) else [f"cam_{name}" for name in names]
+
+
+def _metadata(rig: RigFile, skews: dict[str, float], sigmas: dict[str, dict[str, float]]) -> dict[str, Any]:
+    if rig.up not in UPS:
+        raise InputError(f"up: expected one of {', '.join(repr(u) for u in UPS)}, got {rig.up!r}.")
+    if not rig.unit:
+        raise InputError('unit: expected a unit such as "mm", or "1" for none, got an empty text.')
+    if rig.error is not None and not (math.isfinite(rig.error) and rig.error >= 0):
+        raise InputError(
+            f"error: expected an RMS in pixels, got {rig.error}. A failed solve must not be written."
+        )
+    optional = {
+        "error": None if rig.error is None else float(rig.error),
+        "seed": None if rig.seed is None else int(rig.seed),
+        "skew": skews,
+        "sigmas": sigmas,
+        "inputs": {str(name): str(digest) for name, digest in rig.inputs.items()},
+        "settings": dict(rig.settings),
+        "foreign": dict(rig.foreign_tables),
+    }
+    return {
+        "schema": SCHEMA,
+        "jaxmocap": _version(),
+        "unit": rig.unit,
+        "up": rig.up,
+        **{key: value for key, value in optional.items() if value not in (None, {})},
+        **rig.foreign_metadata,
+    }
+
+
+def _version() -> str:
+    try:
+        return importlib.metadata.version("jaxmocap")
+    except importlib.metadata.PackageNotFoundError:  # run from a source tree that was never installed
+        return "unknown"
+
+
+def _skews(plain: Mapping[str, Mapping[str, Any]], said: list[str]) -> dict[str, float]:
+    """Skews that are not zero: OpenCV has no skew, so programs built on it drop K[0][1] without a word."""
+    skews = {name: numbers["matrix"][0][1] for name, numbers in plain.items()}
+    skews = {name: skew for name, skew in skews.items() if skew != 0}
+    for name, skew in skews.items():
+        said.append(
+            f"Camera {name!r} has a skew of {skew:.4g} px. Programs built on OpenCV (aniposelib, Pose2Sim, caliscope) "
+            "ignore it; calibrate without skew if the rig is for them."
+        )
+    return skews
+
+
+def _finite_sigmas(rig: RigFile, said: list[str]) -> dict[str, dict[str, float]]:
+    """Sigmas that are numbers; one that is not belongs to a parameter that the data do not determine."""
+    kept: dict[str, dict[str, float]] = {}
+    for camera, sigmas in rig.sigmas.items():
+        finite = {name: float(sigma) for name, sigma in sigmas.items() if math.isfinite(sigma)}
+        kept.update({camera: finite} if finite else {})
+        lost = [name for name in sigmas if name not in finite]
+        if lost:
+            said.append(f"Camera {camera!r}: no finite sigma of {', '.join(lost)}; left out of the rig file.")
+    return kept

@@ -1,0 +1,10 @@
+"""Reports of calibrations: a self-contained page, a notebook card, and the summary on the command line."""
+
+from jaxmocap.report.data import CalibrationReport as CalibrationReport
+from jaxmocap.report.data import CameraReport as CameraReport
+from jaxmocap.report.data import ParameterRow as ParameterRow
+from jaxmocap.report.data import ViewReport as ViewReport
+from jaxmocap.report.html import calibration_html as calibration_html
+from jaxmocap.report.html import card_html as card_html
+from jaxmocap.report.text import format_value as format_value
+from jaxmocap.report.text import summary_text as summary_text

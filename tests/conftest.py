@@ -1,0 +1,36 @@
+"""Strict switches for every test: 64 bits, no silent broadcasting or promotion, shapes checked at each call."""
+
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+sys.path.insert(0, str(Path(__file__).parent))  # so that test modules may `import samplers`
+
+import jax
+import jaxtyping
+import pytest
+from hypothesis import settings
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+
+# Shape annotations are checked at run time. Before any test module imports the package.
+jaxtyping.install_import_hook("jaxmocap", "beartype.beartype")
+
+# Same examples in every run; the first call of a function compiles, so no deadline.
+settings.register_profile("jaxmocap", derandomize=True, deadline=None, database=None, max_examples=50)
+settings.load_profile("jaxmocap")
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of photographs and recordings, from JAXMOCAP_DATA; a test that needs it skips without."""
+    folder = os.environ.get("JAXMOCAP_DATA")
+    if folder and Path(folder).is_dir():
+        return Path(folder)
+    reason = f"JAXMOCAP_DATA: expected a folder, got {folder!r}"
+    if folder or os.environ.get("CI"):
+        pytest.fail(reason)
+    pytest.skip("JAXMOCAP_DATA is not set: photographs and recordings are not at hand")
