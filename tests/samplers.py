@@ -124,5 +124,8 @@ def over(fn: Callable, *samples):
 
 def central_difference(fn, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
     """d fn / d x of a function of one vector, with the axis of x last; error about h^2 plus 1e-16 / h."""
-    columns = [(np.asarray(fn(x + h * e)) - np.asarray(fn(x - h * e))) / (2 * h) for e in np.eye(x.size)]
+    columns = [
+        (np.asarray(fn(jax.numpy.asarray(x + h * e))) - np.asarray(fn(jax.numpy.asarray(x - h * e)))) / (2 * h)
+        for e in np.eye(x.size)
+    ]
     return np.stack(columns, axis=-1)

@@ -95,8 +95,10 @@ def free_parameters(
         model: which coefficients of the lens are sought.
         skew: whether K[0][1] is sought.
         frozen: for each camera the names that are held all the same.
+
     Returns:
         ArrowVariables of bools.
+
     Raises:
         InputError: if the model has no such name.
     """
@@ -147,9 +149,11 @@ def refine_targets(
         max_steps: largest number of solver steps.
         covariance: whether the covariance is wanted.
         progress: called with (step, cost, damping).
+
     Returns:
         Estimate; `stats["rms_px"]` is the root of the mean squared residual LENGTH per point in units of sigma
         (pixels when sigma is 1), `stats["observations"]` the number of points.
+
     Raises:
         InputError: JAX in 32-bit mode.
     Source: optical tracking document, algorithm 3; for two cameras its 4.5.
@@ -210,8 +214,10 @@ def chessboard_points(columns: int, rows: int, square: float) -> np.ndarray:
         columns: inner corners along x.
         rows: inner corners along y.
         square: side of a square [scene].
+
     Returns:
         (columns * rows, 3).
+
     Raises:
         InputError: fewer than 2 x 2 corners (3 x 3 squares), or a side that is not a positive number.
     """

@@ -18,6 +18,7 @@ def fit_projection_linear(
         points: known points in space, not all in one plane.
         uv: their images [px].
         mask: True where both are known; at least 6.
+
     Returns:
         P with |P| = 1 and points in front (P's third row times a point is positive on average).
     Source: optical tracking document, eq. 4.24-4.25, algorithms 1-2.
@@ -62,6 +63,7 @@ def refine_projection(
         points: known points.
         uv: their images [px].
         mask: True where both are known.
+
     Returns:
         P with |P| = 1.
     Source: optical tracking document, algorithm 2 (sum of squared distances by Levenberg-Marquardt).
@@ -89,6 +91,7 @@ def decompose_projection(P: Float[Array, "3 4"]) -> tuple[Matrix3, Matrix3, Vect
 
     Args:
         P: projection matrix with a regular left 3x3 block, any scale or sign.
+
     Returns:
         K with positive diagonal, R (world -> camera), C in world coordinates.
     Source: optical tracking document, eq. 4.26 and 4.4.3.

@@ -24,6 +24,7 @@ def fit_homography_linear(
         xy: points of the plane [scene].
         uv: their images [px].
         mask: True where both are known; at least 4, no three of them on a line.
+
     Returns:
         H with uv ~ H (x, y, 1), |H| = 1, points in front (positive third coordinate on average).
     Source: optical tracking document, eq. 4.30-4.31.
@@ -54,6 +55,7 @@ def refine_homography(
         xy: points of the plane [scene].
         uv: their images [px].
         mask: True where both are known.
+
     Returns:
         H with |H| = 1.
     Source: optical tracking document, 4.4.4 (geometric refinement).

@@ -42,6 +42,7 @@ def intrinsics_from_conic(b: Float[Array, "6"]) -> tuple[Intrinsics, Flag]:
 
     Args:
         b: (b11, b12, b22, b13, b23, b33) up to scale.
+
     Returns:
         intrinsics [px], and False if the conic is not positive definite (no real camera), in which case the
         numbers mean nothing but are finite.
@@ -81,6 +82,7 @@ def fit_intrinsics_linear(
         mask: True for the views that count; at least 2 without skew, 3 with.
         image_size: (width, height) [px].
         skew: whether K[0][1] is sought.
+
     Returns:
         intrinsics [px], and whether they belong to a real camera.
     Source: optical tracking document, eq. 4.32-4.40; Zhang 2000, section 3.1.
@@ -117,6 +119,7 @@ def fit_focal_linear(
         homographies: plane -> image [px].
         mask: True for the views that count; at least 1.
         image_size: (width, height) [px].
+
     Returns:
         intrinsics [px] with fx = fy, and whether 1/f^2 came out positive.
     Source: optical tracking document, eq. 4.35-4.38 with the unknowns reduced.
@@ -147,6 +150,7 @@ def pose_from_homography(K: Matrix3, H: Matrix3) -> Pose:
     Args:
         K: calibration matrix [px].
         H: board plane (z = 0) -> image [px], points in front.
+
     Returns:
         T_camera_board; the board is in front of the camera.
     Source: optical tracking document, eq. 4.33 and the end of 4.4.5.
@@ -168,6 +172,7 @@ def mirrored_pose(T_camera_board: Pose, centre_board: Float[Array, "3"]) -> Pose
     Args:
         T_camera_board: one pose.
         centre_board: centre of the seen points in the board's frame [scene].
+
     Returns:
         T_camera_board of the mirrored pose.
     Source: Schweighofer and Pinz, PAMI 28(12), 2006 (two minima of a planar pose).
@@ -196,6 +201,7 @@ def fit_distortion_linear(
         seen_uv: measured pixels.
         mask: True where both are known.
         K: calibration matrix.
+
     Returns:
         kappa1, kappa2 [1].
     Source: optical tracking document, eq. 4.41-4.45, with r^2, r^4 where 4.43 prints r, r^2.

@@ -34,6 +34,7 @@ def project_from_camera(intrinsics: Intrinsics, lens: BrownDistortion, p_camera:
         intrinsics: K [px].
         lens: distortion [1].
         p_camera: point, z forward [scene].
+
     Returns:
         uv [px]; finite and differentiable everywhere.
         valid: False behind the camera or beyond the radius where the lens model can be inverted.
@@ -56,6 +57,7 @@ def project(camera: Camera, p_world: Vector3) -> tuple[Vector2, Flag]:
     Args:
         camera: intrinsics [px], lens [1], pose [rad, scene].
         p_world: point in world coordinates [scene].
+
     Returns:
         uv [px], (0, 0) at the centre of the top-left pixel; finite and differentiable everywhere.
         valid: False behind the camera or beyond the invertible radius; uv is then meaningless, mask it.
@@ -70,6 +72,7 @@ def ray_from_pixel(camera: Camera, uv: Vector2) -> tuple[Vector3, Vector3, Flag]
     Args:
         camera: as in `project`.
         uv: pixel [px], raw (distorted).
+
     Returns:
         centre: camera centre in world coordinates [scene].
         v_world: direction, of length 1, in world coordinates.

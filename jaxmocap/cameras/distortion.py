@@ -1,16 +1,18 @@
 """Lens distortion in normalised coordinates, its inverse, and the radius within which it can be inverted."""
 
 import abc
+from collections.abc import Callable
 from functools import partial
 from typing import cast
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Float
 
 from jaxmocap._arrays import Flag, Scalar, Vector2
+
+_Curve = Callable[[Scalar], Scalar]
 
 
 class AbstractDistortion(eqx.Module):
@@ -91,28 +93,44 @@ class BrownDistortion(AbstractDistortion):
 def _smallest_positive_root(a: Scalar, b: Scalar, c: Scalar) -> Scalar:
     """Smallest positive root of 1 + a s + b s^2 + c s^3, or infinity. Exact to rounding; not differentiated.
 
-    Substituting w = 1/s gives w^3 + a w^2 + b w + c = 0, whose LARGEST positive root is wanted: a cubic with
-    leading coefficient 1 whatever of a, b, c is zero.
+    Substituting w = 1/s gives p(w) = w^3 + a w^2 + b w + c, whose LARGEST positive root is wanted: a cubic with
+    leading coefficient 1 whatever of a, b, c is zero. Whether there is one, and between which bounds, is read from
+    the turning points of p; Cardano's formulas cannot tell a root 0 from a small one.
     """
     a, b, c = (jax.lax.stop_gradient(jnp.asarray(v)) for v in (a, b, c))
-    third = a / 3.0
-    p = b - a * third  # depressed: t^3 + p t + q, w = t - a/3
-    q = 2.0 * third**3 - third * b + c
-    disc = (q / 2.0) ** 2 + (p / 3.0) ** 3
-    # One real root (Cardano; the larger cube root first, so that nothing cancels).
-    root_disc = jnp.sqrt(jnp.maximum(disc, 0.0))
-    big = jnp.cbrt(-q / 2.0 - jnp.where(q >= 0, 1.0, -1.0) * root_disc)
-    t_one = jnp.where(big == 0, 0.0, big - p / (3.0 * jnp.where(big == 0, 1.0, big)))
-    # Three real roots: the largest.
-    m = 2.0 * jnp.sqrt(jnp.maximum(-p / 3.0, 0.0))
-    cosine = jnp.where(m > 0, 4.0 * (-q) / jnp.where(m > 0, m, 1.0) ** 3, 0.0)
-    t_three = m * jnp.cos(jnp.arccos(jnp.clip(cosine, -1.0, 1.0)) / 3.0)
-    w = jnp.where(disc > 0, t_one, t_three) - third
-    for _ in range(2):  # polish the rounding of acos and cbrt
-        slope = 3.0 * w * w + 2.0 * a * w + b
-        w = w - jnp.where(slope != 0, (w**3 + a * w * w + b * w + c) / jnp.where(slope != 0, slope, 1.0), 0.0)
-    scale = jnp.maximum(jnp.maximum(jnp.abs(a), jnp.sqrt(jnp.abs(b))), jnp.cbrt(jnp.abs(c)))
-    return jnp.where(w > 1e-12 * scale, 1.0 / jnp.where(w > 1e-12 * scale, w, 1.0), jnp.inf)
+    discriminant = a * a - 3.0 * b
+    far = -(a + jnp.where(a >= 0, 1.0, -1.0) * jnp.sqrt(jnp.maximum(discriminant, 0.0))) / 3.0
+    near = jnp.where(far != 0, b / jnp.where(far != 0, 3.0 * far, 1.0), 0.0)
+    top, bottom = jnp.minimum(far, near), jnp.maximum(far, near)  # p rises, falls between these, rises again
+    turns = discriminant > 0
+    dips = turns & (bottom > 0) & (((bottom + a) * bottom + b) * bottom + c <= 0)
+    bound = 2.0 * jnp.maximum(jnp.maximum(jnp.abs(a), jnp.sqrt(jnp.abs(b))), jnp.cbrt(jnp.abs(c)))
+    low = jnp.where(dips, bottom, 0.0)
+    high = jnp.where(turns & ~dips & (top > 0), top, bound)
+    exists = dips | (c < 0)
+    w = _rising_root(lambda w: ((w + a) * w + b) * w + c, lambda w: (3.0 * w + 2.0 * a) * w + b, low, high, exists)
+    found = exists & (w > 0)
+    return jnp.where(found, 1.0 / jnp.where(found, w, 1.0), jnp.inf)
+
+
+def _rising_root(p: _Curve, slope: _Curve, low: Scalar, high: Scalar, exists: Flag) -> Scalar:
+    """Root of a function that rises from low to high: Newton's method, halving the bracket where it would leave it."""
+
+    def body(carry):
+        low, high, w, _, k = carry
+        value = p(w)
+        low, high = jnp.where(value <= 0, w, low), jnp.where(value <= 0, high, w)
+        steep = slope(w)
+        newton = w - value / jnp.where(steep > 0, steep, 1.0)
+        new = jnp.where((steep > 0) & (newton > low) & (newton < high), newton, 0.5 * (low + high))
+        new = jnp.where(value == 0, w, new)
+        return low, high, new, jnp.abs(new - w), k + 1
+
+    def going(carry):
+        _, _, w, change, k = carry
+        return exists & (k < 100) & (change > 1e-15 * w)
+
+    return jax.lax.while_loop(going, body, (low, high, high, jnp.full_like(high, jnp.inf), 0))[2]
 
 
 _MAX_NEWTON = 30
@@ -178,6 +196,7 @@ def undistort(lens: AbstractDistortion, xy: Vector2) -> tuple[Vector2, Flag]:
     Args:
         lens: any distortion.
         xy: real normalised point [1].
+
     Returns:
         ideal normalised point [1], right to rounding where valid; finite everywhere.
         valid: False where no ideal point inside the invertible radius is imaged at xy (the lens folds back).

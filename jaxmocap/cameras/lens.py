@@ -9,8 +9,10 @@ def image_distance(focal_length: float, distance: float) -> float:
     Args:
         focal_length: f [any length unit].
         distance: g, in the same unit, larger than f.
+
     Returns:
         b in that unit.
+
     Raises:
         InputError: if the object is within the focal length, where a lens forms no real image.
     Source: stop-motion document, eq. 2.1.
@@ -29,8 +31,10 @@ def field_height(focal_length: float, sensor_height: float, distance: float) -> 
         focal_length: f [any length unit].
         sensor_height: B, same unit.
         distance: g, same unit.
+
     Returns:
         G in that unit.
+
     Raises:
         InputError: as `image_distance`.
     Source: stop-motion document, eq. 2.2; its example f = 4.22, B = 2.44, g = 500 mm is said to give 229 mm.

@@ -20,6 +20,7 @@ def normalising_transform(points: Float[Array, "points d"], mask: Bool[Array, "p
     Args:
         points: image points (d = 2) or space points (d = 3).
         mask: True where the point counts.
+
     Returns:
         Homogeneous transform T; points that all coincide are only moved.
     Source: optical tracking document, 4.4.2.
@@ -52,6 +53,7 @@ def rq(M: Matrix3) -> tuple[Matrix3, Matrix3]:
 
     Args:
         M: regular 3x3 matrix.
+
     Returns:
         K, R.
     Source: optical tracking document, 4.4.3 (RQ decomposition of the left 3x3 block of P).

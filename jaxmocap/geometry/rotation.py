@@ -40,6 +40,7 @@ def rodrigues_coefficients(angle_squared: Scalar) -> tuple[Scalar, Scalar]:
 
     Args:
         angle_squared: t^2 [rad^2], not negative.
+
     Returns:
         Both coefficients [1]; finite with finite derivatives of every order, also at 0.
     Source: optical tracking document, eq. 3.10.
@@ -63,6 +64,7 @@ def rotate(rotvec: Vector3, p: Vector3) -> Vector3:
     Args:
         rotvec: w [rad].
         p: point or direction [any unit].
+
     Returns:
         The turned vector, in the unit of p.
     Source: optical tracking document, eq. 3.13-3.14 (geometric form).
@@ -102,6 +104,7 @@ def exp(rotvec: Vector3) -> Matrix3:
 
     Args:
         rotvec: w [rad], of any length; beyond pi and 2 pi it is as regular as elsewhere.
+
     Returns:
         R, orthonormal to rounding; exact and with exact derivatives at w = 0.
     Source: optical tracking document, eq. 3.11.
@@ -124,6 +127,7 @@ def left_jacobian(rotvec: Vector3) -> Matrix3:
 
     Args:
         rotvec: w [rad].
+
     Returns:
         J [1].
     Source: derivative of the exponential map, optical tracking document section 3 (eq. 3.11); Barfoot,
@@ -146,6 +150,7 @@ def quaternion_from_matrix(R: Matrix3) -> Quaternion:
 
     Args:
         R: rotation matrix.
+
     Returns:
         Quaternion of norm 1; at angle pi the sign is that of the largest component.
     Source: optical tracking document, eq. 3.7; Shepperd, J. Guidance 1(3), 1978.
@@ -171,6 +176,7 @@ def rotvec_from_quaternion(q: Quaternion) -> Vector3:
 
     Args:
         q: quaternion; q and -q give the same rotation.
+
     Returns:
         w [rad]; differentiable at the identity and at pi.
     Source: optical tracking document, eq. 3.9, inverted.
@@ -213,6 +219,7 @@ def log(R: Matrix3) -> Vector3:
 
     Args:
         R: rotation matrix.
+
     Returns:
         w [rad]; at angle pi, where w and -w are the same rotation, one of the two.
     Source: optical tracking document, eq. 3.17 and the cases beneath it.
@@ -273,8 +280,10 @@ def matrix_from_euler(angles: Vector3, order: str) -> Matrix3:
         angles: [rad], in the order of the letters.
         order: three letters, each unlike its neighbour: capitals turn about the axes of the turning body ("ZYX":
             R = Rz Ry Rx), small letters about fixed axes ("xyz": R = Rz Ry Rx with the angles x first); as in scipy.
+
     Returns:
         R.
+
     Raises:
         InputError: if the letters are not an order.
     Source: stop-motion document, eq. 4.16 (its r_x, r_y, r_z).
@@ -295,8 +304,10 @@ def euler_from_matrix(R: Matrix3, order: str) -> Vector3:
     Args:
         R: rotation matrix.
         order: as in `matrix_from_euler`.
+
     Returns:
         Angles: outer ones in (-pi, pi], the middle one in [-pi/2, pi/2] for three different letters, else [0, pi].
+
     Raises:
         InputError: if the letters are not an order.
     Source: stop-motion document, eq. 4.16 inverted.

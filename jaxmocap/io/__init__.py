@@ -6,6 +6,7 @@ from jaxmocap.io.atomic import write_text as write_text
 from jaxmocap.io.camera_numbers import NamedCamera as NamedCamera
 from jaxmocap.io.json_file import json_bytes as json_bytes
 from jaxmocap.io.json_file import write_json as write_json
+from jaxmocap.io.opencv_yaml import opencv_yaml_text as opencv_yaml_text
 from jaxmocap.io.opencv_yaml import read_opencv_yaml as read_opencv_yaml
 from jaxmocap.io.opencv_yaml import write_opencv_yaml as write_opencv_yaml
 from jaxmocap.io.rig_file import RigFile as RigFile

@@ -9,6 +9,9 @@ from pathlib import Path
 
 from jaxmocap._errors import InputError
 
+# Files that a shell has opened for us (`> log`): renamed over, what the shell holds would be lost.
+_OPEN_ALREADY = ("/dev/std", "/dev/fd/", "/proc/")
+
 
 def write_text(path: str | Path, text: str) -> None:
     """Write text as UTF-8 with the line ends it has; see `write_bytes`.
@@ -27,13 +30,15 @@ def write_bytes(path: str | Path, data: bytes) -> None:
         data: its content.
 
     Raises:
-        InputError: if it cannot be written (folder missing or read-only, disk full, ...); the old file is intact.
+        InputError: if it cannot be written (folder missing or read-only, disk full); the old file is intact.
     """
     write_many({path: data})
 
 
 def write_many(files: Mapping[str | Path, bytes]) -> None:
     """Write several files, none of which is touched before all of them lie complete beside their targets.
+
+    What remains are the renames, which fail only if a folder is changed in that instant.
 
     Args:
         files: content by path.
@@ -47,7 +52,7 @@ def write_many(files: Mapping[str | Path, bytes]) -> None:
     try:
         for path, data in targets:
             if not _is_stream(path):
-                target = Path(os.path.realpath(path))
+                target = Path(_real(path))
                 staged.append((_stage(path, target, data), target, path))
         while staged:
             temporary, target, path = staged[0]
@@ -79,12 +84,20 @@ def utf8(path: str | Path, text: str) -> bytes:
 def _refuse_same_file(paths: list[Path]) -> None:
     seen: dict[str, Path] = {}
     for path in paths:
-        real = os.path.realpath(path)
+        real = _real(path)
         if real in seen and not _is_stream(path):
             raise InputError(
                 f"{path}: would be written twice (also as {seen[real]}). Give each output its own name."
             )
         seen[real] = path
+
+
+def _real(path: Path) -> str:
+    """The file that a path leads to through links; replacing the link itself would lose the file's place."""
+    try:
+        return os.path.realpath(path)
+    except ValueError as error:  # a zero byte in the path
+        raise _sentence(path, error) from error
 
 
 def _is_stream(path: Path) -> bool:
@@ -93,7 +106,7 @@ def _is_stream(path: Path) -> bool:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         return False
-    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)) or path.is_relative_to("/dev")
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)) or str(path).startswith(_OPEN_ALREADY)
 
 
 def _write_stream(path: Path, data: bytes) -> None:
@@ -108,43 +121,49 @@ def _stage(path: Path, target: Path, data: bytes) -> Path:
     """A temporary file in the folder of the target that holds data safely on the disk."""
     temporary = None
     try:
-        if target.is_dir():
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        _refuse_protected(path, target)
         temporary, handle = _open_temporary(target)
-        try:
-            _keep_mode(target, handle)
-            left = memoryview(data)
-            while left:  # the system may take less than it is given
-                left = left[os.write(handle, left) :]
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        _fill(handle, target, data)
     except BaseException as error:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError | ValueError):
+        if isinstance(error, OSError):
             raise _sentence(path, error) from error
         raise
     return temporary
 
 
+def _refuse_protected(path: Path, target: Path) -> None:
+    """Refuse what open() would refuse, but a rename would not: a file that is write-protected."""
+    if target.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if target.exists() and not os.access(target, os.W_OK):
+        raise InputError(f"{path}: is write-protected. Choose another name, or allow writing to it first.")
+
+
+def _fill(handle: int, target: Path, data: bytes) -> None:
+    try:
+        if hasattr(os, "fchmod") and target.exists():
+            os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))  # open() too keeps the permissions
+        left = memoryview(data)
+        while left:  # the system may take less than it is given
+            left = left[os.write(handle, left) :]
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
 def _open_temporary(target: Path) -> tuple[Path, int]:
-    """A new file with the permissions that open() gives (tempfile would give 0600) and a name no one else has."""
+    """A new file with a name no one else has and the permissions of open(); tempfile would give 0600."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     for attempt in count():
-        # 60 characters leave room for the rest below the 255 bytes that a name may have, also in UTF-8.
-        temporary = target.parent / f".{target.name[:60]}.{os.getpid()}-{attempt}.tmp"
+        # 40 characters leave room for the rest within the 255 bytes that a name may have, also in UTF-8.
+        temporary = target.parent / f".{target.name[:40]}.{os.getpid()}-{attempt}.tmp"
         try:
             return temporary, os.open(temporary, flags, 0o666)
         except FileExistsError:
             continue  # left by a process that was killed, or written by another thread now
     raise AssertionError("count() ended")
-
-
-def _keep_mode(target: Path, handle: int) -> None:
-    """Give the new file the permissions of the one it replaces."""
-    if hasattr(os, "fchmod") and target.exists():
-        os.fchmod(handle, stat.S_IMODE(target.stat().st_mode))
 
 
 def _replace(temporary: Path, target: Path, path: Path) -> None:
@@ -162,7 +181,7 @@ def _sentence(path: Path, error: OSError | ValueError) -> InputError:
         errno.ENOENT: f"the folder {str(folder)!r} does not exist. Create it first or choose another",
         errno.ENOTDIR: f"{str(folder)!r} is not a folder. Choose another",
         errno.EISDIR: "this is a folder. Give the name of a file in it",
-        errno.EACCES: f"no permission to write in the folder {str(folder)!r}. Choose another, or change its permissions",
+        errno.EACCES: f"no permission to write in the folder {str(folder)!r}. Change that or choose another",
         errno.EPERM: f"the system does not permit writing in the folder {str(folder)!r}. Choose another",
         errno.EROFS: f"the folder {str(folder)!r} is on a read-only file system. Choose another",
         errno.ENOSPC: "the disk is full. Free some space or choose another folder",

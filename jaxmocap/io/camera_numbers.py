@@ -1,4 +1,4 @@
-"""From the plain numbers of a foreign file to a camera: every check that does not depend on the file format."""
+"""From the plain numbers of a file to a camera: every check that does not depend on the file format."""
 
 import math
 from collections.abc import Callable
@@ -120,7 +120,8 @@ def rotvec_from_numbers(where: str, value: object, say: Callable[[str], None]) -
     angle = math.hypot(*R.ravel())
     if angle > 2 * math.pi:
         say(
-            f"{where}: the rotation vector is {angle:.4g} long, more than a full turn: is it in degrees, not radians?"
+            f"{where}: the rotation vector is {angle:.4g} long, more than a full turn. "
+            "Is it in degrees instead of radians?"
         )
     return R.ravel()
 
@@ -130,7 +131,7 @@ def _rotvec_from_matrix(where: str, R: np.ndarray, say: Callable[[str], None]) -
     off = float(np.abs(R @ R.T - np.eye(3)).max()) if np.abs(R).max() < 2 else math.inf
     if off > _NOT_A_ROTATION:
         raise InputError(
-            f"{where}: the matrix is no rotation (its rows are not unit vectors at right angles, off by {off:.2g}). "
+            f"{where}: no rotation matrix (its rows are not unit vectors at right angles, off by {off:.2g}). "
             "Was it scaled, rounded or mixed up?"
         )
     if np.linalg.det(R) < 0:

@@ -10,12 +10,9 @@ from typing import NoReturn
 import numpy as np
 
 from jaxmocap._errors import InputError
-from jaxmocap.io.text_file import nearest, read_text
+from jaxmocap.io.text_file import NUMBER, nearest, read_text
 
 _MAX_BYTES = 256 << 20
-_NUMBER = re.compile(
-    r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?"
-)  # float() would take 1_0 and Arabic digits
 _MAX_COUNT = 2**53  # beyond it a float, and so another program, could not tell neighbours apart
 
 
@@ -78,7 +75,7 @@ class Table:
     def _floats(self, column: str) -> np.ndarray:
         cells = self.cells[column]
         for row, cell in enumerate(cells):
-            if not _NUMBER.fullmatch(cell):
+            if not NUMBER.fullmatch(cell):
                 self._complain(column, row, _not_a_number(cell))
         values = np.array([float(cell) for cell in cells])
         self.refuse(column, ~np.isfinite(values), "expected a number that a computer can hold")
@@ -100,7 +97,7 @@ def read_table(path: str | Path, required: tuple[str, ...], optional: tuple[str,
         The table, at least one row.
 
     Raises:
-        InputError: for other separators, a missing header, columns missing, misspelt or double, rows too long or short.
+        InputError: for other separators, a missing header, columns missing, misspelt or double, ragged rows.
     """
     text = read_text(path, _MAX_BYTES)
     header, rows, lines = _split(path, text)
@@ -148,9 +145,10 @@ def _check_separator(path: str | Path, line: int, header: list[str]) -> None:
                 f"{path}, line {line}: columns are separated by {word}. "
                 "Save the table with commas between columns and points in numbers (locale: English)."
             )
-    if any(_NUMBER.fullmatch(cell) for cell in header):
+    if any(NUMBER.fullmatch(cell) for cell in header):
         raise InputError(
-            f"{path}, line {line}: the first row holds numbers, so the header is missing. Name the columns there."
+            f"{path}, line {line}: the first row holds numbers, so the header is missing. "
+            "Name the columns there."
         )
 
 

@@ -17,8 +17,8 @@ def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
 
     Args:
         path: the file.
-        content: lists, tuples, mappings, texts, paths, numbers; arrays and scalars of numpy and JAX. NaN and infinity
-            become null.
+        content: lists, tuples, mappings, texts, paths, numbers; arrays and scalars of numpy and JAX. NaN and
+            infinity become null.
 
     Raises:
         InputError: if something in it is none of these, or the file cannot be written.
@@ -48,11 +48,7 @@ def _plain(value: Any, where: str) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, Path):
         return str(value)
-    if (
-        isinstance(value, np.ndarray | np.generic)
-        or hasattr(value, "__jax_array__")
-        or hasattr(value, "__array__")
-    ):
+    if hasattr(value, "__array__"):  # numpy and JAX
         return _from_array(np.asarray(value), where)
     raise InputError(
         f"{where}: {type(value).__name__} has no place in JSON. Convert it to numbers or text first."

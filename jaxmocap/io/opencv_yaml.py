@@ -1,6 +1,8 @@
 """OpenCV's calibration files: one camera (sample calibration.cpp) or a stereo pair (stereo_calib.cpp)."""
 
+import json
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -24,20 +26,22 @@ from jaxmocap.io.camera_numbers import (
 from jaxmocap.io.opencv_text import Entry, matrix_text, read_entries
 
 # Keys are compared in small letters without underscores; {n} is empty for one camera, 1 or 2 in a pair.
-_MATRIX = ("cameramatrix{n}", "k{n}", "m{n}", "intrinsics{n}")
-_LENS = ("distortioncoefficients{n}", "distcoeffs{n}", "distcoeff{n}", "distortion{n}", "d{n}")
-_ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
-_FISHEYE_MODELS = ("equidistant", "fisheye", "kannala_brandt")
+_MATRIX = ("cameramatrix{n}", "k{n}", "m{n}")
+_LENS = ("distortioncoefficients{n}", "distcoeffs{n}", "distcoeff{n}", "d{n}")
+_ROTATION, _TRANSLATION = ("r", "rvec"), ("t", "tvec")
+_FISHEYE_KEYS = ("fisheyemodel", "fisheye", "distortionmodel")
+_FISHEYE_VALUES = ("1", "true", "equidistant", "fisheye", "kannala_brandt")
 
 
 def read_opencv_yaml(
     path: str | Path, image_size: tuple[int, int] | None = None, extrinsics: str | Path | None = None
 ) -> list[NamedCamera]:
-    """Read one camera or a stereo pair that a program of OpenCV wrote with FileStorage (or ROS as camera_info).
+    """Read one camera or a stereo pair that a program wrote with OpenCV's FileStorage as YAML.
 
-    One camera has camera_matrix (or K) and distortion_coefficients (or D), and may have R or rvec, T or tvec
-    (world -> camera). A pair has M1 D1 M2 D2 (or the long names with 1 and 2), and R, T from the first camera to the
-    second; its cameras are called left and right, and the world is the first camera.
+    One camera has camera_matrix (or K) and distortion_coefficients (or D), and may have R or rvec, T or
+    tvec (world -> camera). A pair has M1 D1 M2 D2 (or the long names with 1 and 2), and R, T from the first
+    camera to the second; its cameras are called left and right, and the world is the first camera. The
+    camera_info files of ROS are alike and read too.
 
     Args:
         path: the file.
@@ -45,35 +49,35 @@ def read_opencv_yaml(
         extrinsics: file with R and T, for programs that write them apart (intrinsics.yml, extrinsics.yml).
 
     Returns:
-        The cameras; one camera is called by its camera_name or else by the name of the file. What is odd about each
-        stands in its `warnings`.
+        The cameras; one camera is called by its camera_name or else by the name of the file. What is odd
+        about each stands in its `warnings`.
 
     Raises:
-        InputError: naming line and key of what is missing, damaged or impossible; for a fisheye lens; if JAX is not
-            in 64-bit mode.
-    Source: OpenCV samples/cpp/tutorial_code/calib3d/camera_calibration and samples/cpp/stereo_calib.cpp.
+        InputError: naming line and key of what is missing, damaged or impossible; for a fisheye lens; if
+            JAX is not in 64-bit mode.
+
+    Source: OpenCV, samples/cpp/tutorial_code/calib3d/camera_calibration and samples/cpp/stereo_calib.cpp.
     """
     require_x64("reading a calibration")
-    entries = _by_plain_name(read_entries(path))
-    _refuse_fisheye(entries)
-    size = image_size or _size(path, entries)
-    apart = _by_plain_name(read_entries(extrinsics)) if extrinsics else entries
-    if _find(entries, _MATRIX, "1"):
-        poses = [(np.zeros(3), np.zeros(3)), _pose(extrinsics or path, apart, needed=True)]
+    file = _File(path, _by_plain_name(read_entries(path)))
+    _refuse_fisheye(file)
+    size = image_size or _size(file)
+    apart = _File(extrinsics, _by_plain_name(read_entries(extrinsics))) if extrinsics else file
+    if file.find(_MATRIX, "1"):
         return [
-            _camera(path, entries, n, name, size, pose)
-            for n, name, pose in zip("12", ("left", "right"), poses)
+            _camera(file, "1", "left", size, _Standing()),
+            _camera(file, "2", "right", size, _standing(apart)),
         ]
-    named = entries["cameraname"].scalar() if "cameraname" in entries else ""
-    name = named or Path(path).stem or "camera"
-    return [_camera(path, entries, "", name, size, _pose(extrinsics or path, apart, needed=False))]
+    given = file.entries["cameraname"].scalar() if "cameraname" in file.entries else ""
+    fixed = apart.find(_ROTATION) or apart.find(_TRANSLATION)
+    return [_camera(file, "", given or Path(path).stem, size, _standing(apart) if fixed else _Standing())]
 
 
 def write_opencv_yaml(path: str | Path, cameras: NamedCamera | Iterable[NamedCamera]) -> list[str]:
-    """Write one camera or a stereo pair for cv2.FileStorage, under the names that `read_opencv_yaml` reads.
+    """Write one camera or a stereo pair for cv2.FileStorage, under names that `read_opencv_yaml` reads.
 
     One camera: camera_name, image_width, image_height, camera_matrix, distortion_coefficients, rvec, tvec
-    (world -> camera). A pair: image_width, image_height, M1, D1, M2, D2, and R, T from the first to the second.
+    (world -> camera). A pair: image_width, image_height, M1, D1, M2, D2; R, T from the first to the second.
 
     Args:
         path: the file.
@@ -83,7 +87,20 @@ def write_opencv_yaml(path: str | Path, cameras: NamedCamera | Iterable[NamedCam
         Sentences to say: what OpenCV will not see.
 
     Raises:
-        InputError: for more than two cameras, a pair of different image sizes, or if the file cannot be written.
+        InputError: for more than two cameras, a pair of different image sizes, or if it cannot be written.
+
+    Source: as `read_opencv_yaml`.
+    """
+    text, said = opencv_yaml_text(cameras)
+    write_text(path, text)
+    return said
+
+
+def opencv_yaml_text(cameras: NamedCamera | Iterable[NamedCamera]) -> tuple[str, list[str]]:
+    """The text that `write_opencv_yaml` writes and the sentences it returns.
+
+    Raises:
+        InputError: as `write_opencv_yaml`.
     """
     named = [cameras] if isinstance(cameras, NamedCamera) else list(cameras)
     check_names([camera.name for camera in named])
@@ -92,20 +109,100 @@ def write_opencv_yaml(path: str | Path, cameras: NamedCamera | Iterable[NamedCam
             f"cameras: an OpenCV file holds one or two, got {len(named)}. Write one file for each."
         )
     body = _one_text(named[0]) if len(named) == 1 else _pair_text(*named)
-    write_text(path, "%YAML:1.0\n---\n" + body)
-    return [
-        f"Camera {camera.name!r} has a skew of {float(camera.camera.intrinsics.skew):.4g} px, which OpenCV ignores."
-        for camera in named
-        if float(camera.camera.intrinsics.skew) != 0
+    skews = {camera.name: float(camera.camera.intrinsics.skew) for camera in named}
+    said = [
+        f"Camera {name!r} has a skew of {skew:.4g} px, which OpenCV ignores."
+        for name, skew in skews.items()
+        if skew != 0
     ]
+    return "%YAML:1.0\n---\n" + body, said
+
+
+@dataclass(frozen=True)
+class _Standing:
+    """Where a camera stands: world -> camera, and what is odd about it."""
+
+    rotvec: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _File:
+    """The entries of a file by plain name."""
+
+    path: str | Path
+    entries: dict[str, Entry]
+
+    def find(self, names: tuple[str, ...], n: str = "") -> Entry | None:
+        """The entry under one of several names, or None."""
+        return next(
+            (self.entries[name.format(n=n)] for name in names if name.format(n=n) in self.entries), None
+        )
+
+    def need(self, names: tuple[str, ...], n: str, what: str) -> Entry:
+        """The entry under one of several names.
+
+        Raises:
+            InputError: if there is none.
+        """
+        entry = self.find(names, n)
+        if entry is None:
+            found = ", ".join(self.entries)[:200] or "nothing"
+            raise InputError(
+                f"{self.path}: {what} is missing (found: {found}). Is this a calibration of OpenCV?"
+            )
+        return entry
+
+
+def _by_plain_name(entries: dict[str, Entry]) -> dict[str, Entry]:
+    return {key.replace("_", "").lower(): entry for key, entry in entries.items()}
+
+
+def _camera(file: _File, n: str, name: str, size: tuple[int, int], standing: _Standing) -> NamedCamera:
+    warnings = list(standing.warnings)
+    K = file.need(_MATRIX, n, f"M{n}" if n else "camera_matrix")
+    k = file.need(_LENS, n, f"D{n}" if n else "distortion_coefficients")
+    intrinsics = intrinsics_from_matrix(K.where, K.matrix())
+    lens = lens_from_numbers(k.where, k.matrix(), warnings.append)
+    pose = standing.rotvec, standing.translation
+    camera = assemble(K.where, size, intrinsics, lens, pose, warnings.append)
+    return NamedCamera(name, camera, warnings=tuple(warnings))
+
+
+def _standing(file: _File) -> _Standing:
+    advice = " (if it is in a file of its own, give that as extrinsics)"
+    R = file.need(_ROTATION, "", "R" + advice)
+    T = file.need(_TRANSLATION, "", "T" + advice)
+    warnings: list[str] = []
+    rotvec = rotvec_from_numbers(R.where, R.matrix(), warnings.append)
+    return _Standing(rotvec, translation_from_numbers(T.where, T.matrix()), tuple(warnings))
+
+
+def _size(file: _File) -> tuple[int, int]:
+    entry = file.entries.get("imagesize")
+    if entry is not None:
+        return size_from_numbers(entry.where, entry.sequence())
+    width, height = file.entries.get("imagewidth"), file.entries.get("imageheight")
+    if width is None or height is None:
+        raise InputError(f"{file.path}: image_width or image_height is missing. Give the image size as well.")
+    return size_from_numbers(width.where, [width.number(), height.number()])
+
+
+def _refuse_fisheye(file: _File) -> None:
+    for entry in (file.entries[key] for key in _FISHEYE_KEYS if key in file.entries):
+        if entry.scalar().lower() in _FISHEYE_VALUES:
+            raise InputError(
+                f"{entry.where}: fisheye lenses are not supported; its distortions read as k1 k2 p1 p2 would "
+                "give wrong pixels without a sign. Calibrate it with the k1 k2 model."
+            )
 
 
 def _one_text(named: NamedCamera) -> str:
     plain = plain_camera(named)
-    name = named.name.replace("\\", "\\\\").replace('"', '\\"')
     return "".join(
         [
-            f'camera_name: "{name}"\n',
+            f"camera_name: {json.dumps(named.name, ensure_ascii=False)}\n",
             _size_text(plain["size"]),
             matrix_text("camera_matrix", plain["matrix"]),
             matrix_text("distortion_coefficients", [plain["distortions"]]),
@@ -150,74 +247,3 @@ def _size_text(size: list[int]) -> str:
 
 def _column(values: list[float]) -> list[list[float]]:
     return [[value] for value in values]
-
-
-def _by_plain_name(entries: dict[str, Entry]) -> dict[str, Entry]:
-    return {key.replace("_", "").lower(): entry for key, entry in entries.items()}
-
-
-def _find(entries: dict[str, Entry], names: tuple[str, ...], n: str = "") -> Entry | None:
-    return next((entries[name.format(n=n)] for name in names if name.format(n=n) in entries), None)
-
-
-def _needed(path: str | Path, entries: dict[str, Entry], names: tuple[str, ...], n: str, what: str) -> Entry:
-    entry = _find(entries, names, n)
-    if entry is None:
-        found = ", ".join(entries) or "nothing"
-        raise InputError(
-            f"{path}: {what} is missing (found: {found[:200]}). Is this a calibration written by OpenCV?"
-        )
-    return entry
-
-
-def _camera(
-    path: str | Path,
-    entries: dict[str, Entry],
-    n: str,
-    name: str,
-    size: tuple[int, int],
-    pose: tuple[np.ndarray, np.ndarray],
-) -> NamedCamera:
-    warnings: list[str] = []
-    K = _needed(path, entries, _MATRIX, n, "M" + n if n else "camera_matrix")
-    k = _needed(path, entries, _LENS, n, "D" + n if n else "distortion_coefficients")
-    intrinsics = intrinsics_from_matrix(K.where, K.matrix())
-    lens = lens_from_numbers(k.where, k.matrix(), warnings.append)
-    return NamedCamera(
-        name, assemble(K.where, size, intrinsics, lens, pose, warnings.append), {}, tuple(warnings)
-    )
-
-
-def _pose(path: str | Path, entries: dict[str, Entry], needed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation vector and translation; the identity where they are not needed and not there."""
-    if not needed and not _find(entries, _ROTATION) and not _find(entries, _TRANSLATION):
-        return np.zeros(3), np.zeros(3)
-    R = _needed(path, entries, _ROTATION, "", "R (give the file with R and T as extrinsics)")
-    T = _needed(path, entries, _TRANSLATION, "", "T (give the file with R and T as extrinsics)")
-    return rotvec_from_numbers(R.where, R.matrix(), _ignore), translation_from_numbers(T.where, T.matrix())
-
-
-def _ignore(_: str) -> None:
-    """A pose has no camera yet to attach a warning to; a matrix that is no rotation is refused anyway."""
-
-
-def _size(path: str | Path, entries: dict[str, Entry]) -> tuple[int, int]:
-    if "imagesize" in entries:
-        entry = entries["imagesize"]
-        return size_from_numbers(entry.where, entry.sequence())
-    width, height = entries.get("imagewidth"), entries.get("imageheight")
-    if width is None or height is None:
-        raise InputError(
-            f"{path}: image_width and image_height are missing. Give the image size with the file."
-        )
-    return size_from_numbers(width.where, [width.number(), height.number()])
-
-
-def _refuse_fisheye(entries: dict[str, Entry]) -> None:
-    for key in ("fisheyemodel", "fisheye", "distortionmodel"):
-        value = entries[key].scalar().lower() if key in entries else ""
-        if value in ("1", "true", *_FISHEYE_MODELS):
-            raise InputError(
-                f"{entries[key].where}: fisheye lenses are not supported, and reading its distortions as k1 k2 p1 p2 "
-                "would give wrong pixels without a sign. Calibrate with the k1 k2 model."
-            )

@@ -1,4 +1,4 @@
-"""The rig as it is kept between commands, and how it is written: TOML that aniposelib and Pose2Sim read as theirs."""
+"""The rig as it is kept between commands, and how it is written: TOML as aniposelib and Pose2Sim read it."""
 
 import importlib.metadata
 import math
@@ -15,7 +15,7 @@ from jaxmocap.io.atomic import write_text
 from jaxmocap.io.camera_numbers import NamedCamera, check_names, plain_camera
 
 SCHEMA = 1
-"""Raised when the meaning of a key changes, so that an older jaxmocap refuses the file instead of misreading it."""
+"""Grows when the meaning of a key changes, so that an older jaxmocap refuses a file it would misread."""
 
 UPS = ("", "x", "-x", "y", "-y", "z", "-z")
 """World axis that points up; empty when nobody has said."""
@@ -46,7 +46,7 @@ class RigFile:
     foreign_metadata: Mapping[str, Any] = field(default_factory=dict)
     """Keys of [metadata] that are not ours: kept and written back."""
     foreign_tables: Mapping[str, Any] = field(default_factory=dict)
-    """Tables that are no cameras: kept and written back within [metadata], where no reader takes them for one."""
+    """Tables that are no cameras: written back within [metadata], where no program takes them for one."""
     warnings: tuple[str, ...] = ()
     """What was odd when it was read, cameras included."""
 
@@ -54,8 +54,8 @@ class RigFile:
 def write_rig(path: str | Path, rig: RigFile) -> list[str]:
     """Write a rig as TOML, whole or not at all.
 
-    One table ``[cam_<name>]`` per camera with name, size, matrix, distortions (k1 k2 p1 p2 k3), rotation (vector,
-    world -> camera), translation; the rest in ``[metadata]``. Numbers are written so that they read back exactly.
+    One table ``[cam_<name>]`` per camera with name, size, matrix, distortions (k1 k2 p1 p2 k3), rotation
+    (vector, world -> camera), translation; the rest in ``[metadata]``. Numbers read back exactly.
 
     Args:
         path: the file.
@@ -94,7 +94,7 @@ def rig_text(rig: RigFile) -> tuple[str, list[str]]:
 
 
 def _camera_text(table: str, named: NamedCamera, plain: Mapping[str, Any]) -> str:
-    """One camera's table; its arrays stand on one line each, where tomli_w would give every number its own."""
+    """One camera's table, each array on one line (tomli_w would give every number its own)."""
     header = tomli_w.dumps({table: {}})
     arrays = "".join(f"{key} = {value}\n" for key, value in plain.items())  # Python's lists are TOML's
     foreign = tomli_w.dumps({table: named.foreign}).removeprefix(header) if named.foreign else ""
@@ -162,8 +162,8 @@ def _skews(plain: Mapping[str, Mapping[str, Any]], said: list[str]) -> dict[str,
     skews = {name: skew for name, skew in skews.items() if skew != 0}
     for name, skew in skews.items():
         said.append(
-            f"Camera {name!r} has a skew of {skew:.4g} px. Programs built on OpenCV (aniposelib, Pose2Sim, caliscope) "
-            "ignore it; calibrate without skew if the rig is for them."
+            f"Camera {name!r} has a skew of {skew:.4g} px. Programs built on OpenCV (aniposelib, Pose2Sim, "
+            "caliscope) ignore it; calibrate without skew if the rig is for them."
         )
     return skews
 

@@ -34,9 +34,9 @@ _KINDS: dict[type, str] = {str: "text in quotes", int: "a whole number", float: 
 def read_rig(path: str | Path) -> RigFile:
     """Read a rig file of jaxmocap, aniposelib, Pose2Sim, caliscope or the like.
 
-    Any table with a `matrix` is a camera (``[cam_0]``, ``[cameras.0]``, ``[demo]``), called by its `name` or else by
-    its table. Rotation is a vector or a 3x3 matrix, world -> camera; distortions are 2, 4 or 5 numbers in OpenCV's
-    order. Keys that are not ours are kept and named in `warnings`.
+    Any table with a `matrix` is a camera (``[cam_0]``, ``[cameras.0]``, ``[demo]``), called by its `name` or
+    else by its table. Rotation is a vector or a 3x3 matrix, world -> camera; distortions are 2, 4 or 5
+    numbers in OpenCV's order. Keys that are not ours are kept and named in `warnings`.
 
     Args:
         path: the file.
@@ -45,8 +45,8 @@ def read_rig(path: str | Path) -> RigFile:
         The rig; `unit` is "1" where the file does not say.
 
     Raises:
-        InputError: naming table and key of what is missing, misspelt, of the wrong type or impossible; for a fisheye
-            lens; for a file of a newer schema; if JAX is not in 64-bit mode.
+        InputError: naming table and key of what is missing, misspelt, of the wrong type or impossible; for a
+            fisheye lens; for a file of a newer schema; if JAX is not in 64-bit mode.
     """
     require_x64("reading a rig")
     document = _parse(path)
@@ -91,7 +91,7 @@ def _camera_tables(
     for key, value in table.items():
         if not isinstance(value, dict):
             continue
-        if "matrix" in value or {"distortions", "rotation", "translation"} & value.keys():
+        if "matrix" in value or "distortions" in value:  # the latter: a camera whose matrix was forgotten
             yield (*keys, key), value
         elif not keys:
             yield from _camera_tables(value, (key,))
@@ -114,7 +114,7 @@ def _camera(path: str | Path, keys: tuple[str, ...], table: dict[str, Any], alon
     where = f"{path}, [{'.'.join(keys)}]"
     name = table.get("name", keys[-1])
     if not isinstance(name, str):
-        raise InputError(f"{where} name: expected text in quotes, got {name!r}.")
+        raise InputError(f"{where} name: expected text in quotes, got {type(name).__name__}.")
     _refuse_fisheye(where, table)
     warnings: list[str] = []
     size = size_from_numbers(f"{where} size", _required(where, table, "size", "Add size = [width, height]."))
@@ -141,10 +141,10 @@ def _required(where: str, table: dict[str, Any], key: str, advice: str) -> Any:
 def _refuse_fisheye(where: str, table: dict[str, Any]) -> None:
     fisheye = table.get("fisheye", False)
     if not isinstance(fisheye, bool):
-        raise InputError(f"{where} fisheye: expected true or false, got {fisheye!r}.")
+        raise InputError(f"{where} fisheye: expected true or false, got {type(fisheye).__name__}.")
     if fisheye:
         raise InputError(
-            f"{where} fisheye = true: fisheye lenses are not supported, and reading its distortions as k1 k2 p1 p2 "
+            f"{where} fisheye = true: fisheye lenses are not supported; its distortions read as k1 k2 p1 p2 "
             "would give wrong pixels without a sign. Calibrate it with the k1 k2 model or leave it out."
         )
 
@@ -172,7 +172,7 @@ def _check_metadata(path: str | Path, metadata: dict[str, Any]) -> None:
     schema = _value(path, metadata, "schema", int, SCHEMA)
     if schema > SCHEMA:
         raise InputError(
-            f"{path}, [metadata] schema = {schema}: written by a newer jaxmocap (this one knows up to {SCHEMA}). "
+            f"{path}, [metadata] schema: written by a newer jaxmocap (this one knows up to {SCHEMA}). "
             "Upgrade jaxmocap to read it."
         )
     for key in metadata:
@@ -187,7 +187,7 @@ def _rig(
     warnings = [sentence for named in cameras for sentence in named.warnings]
     foreign_keys = dict.fromkeys(key for named in cameras for key in named.foreign)
     if foreign_keys:
-        warnings.append(f"{path}, camera tables: keys of another program are kept: {', '.join(foreign_keys)}.")
+        warnings.append(f"{path}, cameras: keys of another program are kept: {', '.join(foreign_keys)}.")
     foreign_metadata = {key: value for key, value in metadata.items() if key not in _METADATA_KEYS}
     if foreign_metadata:
         warnings.append(

@@ -118,11 +118,11 @@ def write_table(path: str | Path, columns: Mapping[str, Sequence[Any] | np.ndarr
 
     Args:
         path: the file.
-        columns: values by column name, all of one length. Floats are written so that they read back exactly; NaN,
-            infinity and None leave the cell blank; true and false become 1 and 0.
+        columns: values by column name, all of one length. Floats are written so that they read back exactly;
+            NaN, infinity and None leave the cell blank; true and false become 1 and 0.
 
     Raises:
-        InputError: if columns differ in length or hold more than one value per row, or the file cannot be written.
+        InputError: if columns differ in length or hold several values per row, or the file cannot be written.
     """
     write_text(path, table_text(columns))
 

@@ -2,10 +2,14 @@
 
 import difflib
 import hashlib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from jaxmocap._errors import InputError
+
+NUMBER = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
+"""A finite decimal number; float() would also take 1_0, nan and the digits of other scripts."""
 
 _UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 

@@ -154,6 +154,7 @@ def arrow_covariance(
         normal: undamped normal equations at the solution.
         variance: residual variance s^2 [sigma^2].
         by_block: also leave out blocks one by one (needs three blocks or more to mean anything).
+
     Returns:
         ArrowCovariance.
     Source: Triggs et al., Bundle Adjustment, 2000, section 6; module docstring for the stated one.

@@ -81,6 +81,7 @@ def attach(y: Flat, problem: ArrowProblem, layout: Layout, base: ArrowVariables,
         layout: which entries are free.
         base: frozen numbers, block axis last.
         data: observations, block axis last.
+
     Returns:
         y; differentiable with respect to `base` and `data`, in both modes and repeatedly.
     Source: implicit function theorem; the analogue of optimistix' ImplicitAdjoint without a dense operator.

@@ -171,8 +171,10 @@ def least_squares(
         progress: called with (step, cost, damping) after each trial.
         pad: round the number of blocks up, so that nearby sizes share one compilation.
         throw: raise SolveError if the solve fails.
+
     Returns:
         Estimate with value ArrowVariables.
+
     Raises:
         InputError: wrong trees, shapes or precision.
         SolveError: if `throw` and the solve failed.

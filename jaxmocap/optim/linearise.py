@@ -171,6 +171,7 @@ def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVari
         flat: the point (free numbers).
         base: variables that hold the frozen numbers; block axis of `local` last.
         data: block axis of `blocks` last.
+
     Returns:
         NormalEquations.
     Source: optical tracking document, algorithm 3 (refinement); Triggs et al., Bundle Adjustment, 2000, section 6.

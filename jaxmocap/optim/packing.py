@@ -78,8 +78,10 @@ def make_layout(y: ArrowVariables, free: ArrowVariables | None) -> Layout:
         y: the variables (only shapes are looked at).
         free: same tree with a bool, or an array of bools, in place of each leaf (for `local`: of one block);
             None or True: everything is free.
+
     Returns:
         The layout.
+
     Raises:
         InputError: if trees or shapes do not fit, or nothing is free.
     """

@@ -29,6 +29,7 @@ def rho(loss: Loss, s: Float[Array, "*groups"], width: Float[Array, ""]) -> Floa
         loss: "huber" or "cauchy".
         s: squared length [sigma^2].
         width: where the loss leaves the parabola [sigma].
+
     Returns:
         rho(s), concave and increasing.
     Source: Huber 1981; Cauchy: Holland and Welsch 1977.
@@ -85,9 +86,11 @@ def scale_from_data(r: Float[Array, "groups d"], seen: Float[Array, "groups"] | 
     Args:
         r: residuals [px].
         seen: True where the group counts.
+
     Returns:
         sigma [px]; the median length of a d-dimensional Gaussian is sigma sqrt(chi2_d median): 0.6745 for d = 1,
         1.1774 for d = 2, 1.5382 for d = 3.
+
     Raises:
         InputError: for groups of more than three.
     """

@@ -113,6 +113,7 @@ def damped_step(
         damping: lambda, not negative.
         D_s: diagonal weights of the shared parameters.
         D_l: the same for each block.
+
     Returns:
         d; NaN where the matrix is not positive definite.
     Source: Triggs et al., Bundle Adjustment, 2000, section 6.1; Marquardt 1963.

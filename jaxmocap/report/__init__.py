@@ -4,6 +4,7 @@ from jaxmocap.report.data import CalibrationReport as CalibrationReport
 from jaxmocap.report.data import CameraReport as CameraReport
 from jaxmocap.report.data import ParameterRow as ParameterRow
 from jaxmocap.report.data import ViewReport as ViewReport
+from jaxmocap.report.failure import failure_html as failure_html
 from jaxmocap.report.html import calibration_html as calibration_html
 from jaxmocap.report.html import card_html as card_html
 from jaxmocap.report.text import format_value as format_value

@@ -1,19 +1,24 @@
 """Figures of what the photos show of the camera: coverage, tilts and distances, lens curve, correlations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxmocap.calibration.evidence import covered_fraction, image_corners, radius_px, real_radius_px
-from jaxmocap.report.canvas import BLUE, GREEN, GREY, HALF, ORANGE, RED, Picture, draw, image_axes
+from jaxmocap.report.canvas import (
+    BLUE,
+    GREEN,
+    GREY,
+    HALF,
+    ORANGE,
+    RED,
+    Axes,
+    Figure,
+    Picture,
+    draw,
+    image_axes,
+)
 from jaxmocap.report.data import CameraReport, ViewReport
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def coverage_map(camera: CameraReport, views: Sequence[ViewReport]) -> Picture:

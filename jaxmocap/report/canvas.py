@@ -4,8 +4,6 @@ matplotlib is imported inside the functions, so that a report's numbers cost no 
 pyplot, so that no global state of a notebook is touched.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +14,8 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+else:  # a run-time type check of a test must not need the plotting library
+    Axes = Figure = Any
 
 # Okabe and Ito 2008: told apart by every kind of colour vision, and in grey.
 BLUE, ORANGE, RED, GREEN, GREY = "#0072B2", "#E69F00", "#D55E00", "#009E73", "#6b6b6b"

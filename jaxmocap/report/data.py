@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from jaxmocap.calibration.evidence import Weakness
+from jaxmocap.calibration.evidence import Weakness
 
 RMS_DEFINITION = "root of the mean squared residual length per point"
 
@@ -65,7 +63,7 @@ class ViewReport:
     """(n, 2) measured - predicted [px]."""
     rms_px: float
     tilt_deg: float
-    """Angle between the board's normal and the line of sight to its centre (`evidence.board_attitude`)."""
+    """Angle between the board's normal and the optical axis (`evidence.board_attitude`)."""
     tilt_direction_deg: float
     """Image direction in which the board recedes, 0 right, 90 down."""
     depth: float
@@ -99,7 +97,7 @@ class CalibrationReport:
     """Pose of the second camera relative to the first."""
     skipped: tuple[tuple[str, str], ...] = ()
     """(photo, reason) of the photos that were not used."""
-    warnings: tuple["Weakness", ...] = ()
+    warnings: tuple[Weakness, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
     """Version, seed, hashes of the inputs."""

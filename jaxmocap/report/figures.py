@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from jaxmocap.report.camera_figures import (
     correlation_matrix,
     coverage_map,
@@ -24,14 +26,14 @@ def camera_pictures(camera: CameraReport, views: Sequence[ViewReport], unit: str
 
     Args:
         camera: the result.
-        views: its photos; those without corners are left out.
+        views: its photos; those without corners, or not finite, are left out.
         unit: unit of the distances.
 
     Returns:
-        Empty without corners: there is nothing to draw.
+        Empty where there is nothing to draw.
     """
-    views = [v for v in views if len(v.uv)]
-    if not views:
+    views = [v for v in views if len(v.uv) and np.isfinite([v.uv, v.residual]).all()]
+    if not views or not np.isfinite([*camera.K.ravel(), *camera.distortion]).all():
         return ()
     pictures = [
         view_rms_bars(views),

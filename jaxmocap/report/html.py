@@ -192,27 +192,26 @@ def _name(name: str) -> str:
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], css_class: str = "") -> str:
     """A table of ready cells; a head that starts with # is a column of numbers."""
-    head = "".join(
+    columns = "".join(
         f'<th class="number" scope="col">{_e(h[1:])}</th>'
         if h[:1] == "#"
         else f'<th scope="col">{_e(h)}</th>'
         for h in heads
     )
     body = "\n".join(f"<tr>{''.join(cells)}</tr>" for cells in rows)
+    head = f"<thead><tr>{columns}</tr></thead>\n" if heads else ""
     attribute = f' class="{css_class}"' if css_class else ""
-    return (
-        f'<div class="scroll"><table{attribute}><thead><tr>{head}</tr></thead>\n'
-        f"<tbody>\n{body}\n</tbody></table></div>"
-    )
+    return f'<div class="scroll"><table{attribute}>{head}<tbody>\n{body}\n</tbody></table></div>'
 
 
 def _provenance(report: CalibrationReport) -> str:
     rows = [("<td>command</td>", f"<td><code>{_e(report.command)}</code></td>")]
     rows += [(f"<td>{_e(k)}</td>", f"<td><code>{_e(v)}</code></td>") for k, v in report.provenance.items()]
     if report.iterations:
-        cost = f"{report.iterations[0]:.6g} to {report.iterations[-1]:.6g}"
-        rows.append(("<td>solver</td>", f"<td>{len(report.iterations) - 1} steps, cost {_e(cost)}</td>"))
-    return _table(["", ""], rows)
+        first, last = (format_value(report.iterations[i]) for i in (0, -1))
+        steps = count(len(report.iterations) - 1, "step")
+        rows.append(("<td>solver</td>", f"<td>{steps}, cost from {_e(first)} to {_e(last)}</td>"))
+    return _table([], rows)
 
 
 def card_html(report: CalibrationReport) -> str:

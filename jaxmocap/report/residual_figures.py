@@ -1,19 +1,24 @@
 """Figures of what the fit left over: which photos, which directions, where in the image."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxmocap.calibration.evidence import radius_px
-from jaxmocap.report.canvas import BLUE, GREY, HALF, ORANGE, RED, Picture, draw, image_axes, round_number
+from jaxmocap.report.canvas import (
+    BLUE,
+    GREY,
+    HALF,
+    ORANGE,
+    RED,
+    Axes,
+    Figure,
+    Picture,
+    draw,
+    image_axes,
+    round_number,
+)
 from jaxmocap.report.data import CameraReport, ViewReport
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MOST_BARS = 60  # names stay readable at 12 pixels a bar
 
@@ -103,10 +108,10 @@ def residual_arrows(camera: CameraReport, views: Sequence[ViewReport]) -> Pictur
     return Picture(
         draw(HALF, paint),
         "image/svg+xml",
-        f"Residuals over the image, × {scale:g}",
+        "Residuals over the image",
         "Arrows that agree with their neighbours mean that the lens model or the board does not fit there; "
         "noise "
-        "points anywhere.",
+        "points in every direction.",
     )
 
 
@@ -177,7 +182,7 @@ def _photo(axes: Axes, view: ViewReport) -> None:
     axes.plot(view.uv[:, 0], view.uv[:, 1], "o", ms=5, mfc="none", mec="#35a7ff", mew=0.9)
     _arrows(axes, view.uv, view.residual, scale, 0.008, ORANGE)
     axes.set(xlim=(centre[0] - half[0], centre[0] + half[0]), ylim=(centre[1] + half[1], centre[1] - half[1]))
-    axes.set_title(f"{_short(view.name, 22)}   {view.rms_px:.2f} px, arrows x {scale:g}", fontsize=8.5)
+    axes.set_title(f"{_short(view.name, 22)}   {view.rms_px:.2f} px, arrows × {scale:g}", fontsize=8.5)
     axes.set(xticks=[], yticks=[], facecolor="#f3f3f3")
     axes.grid(False)
 

@@ -97,15 +97,16 @@ def parameter_text(row: ParameterRow) -> str:
 
 def headline(report: CalibrationReport) -> str:
     """RMS with its definition, and what it was measured on."""
-    counts = f"{_count(len(report.views), 'view')}, {_count(report.observations, 'point')}"
+    counts = f"{count(len(report.views), 'view')}, {count(report.observations, 'point')}"
     if report.rejected:
         counts += f", {report.rejected} rejected"
     if report.skipped:
-        counts += f", {_count(len(report.skipped), 'photo')} not used"
+        counts += f", {count(len(report.skipped), 'photo')} not used"
     return f"RMS {format_number(report.rms_px, 3)} px ({report.rms_definition}); {counts}"
 
 
-def _count(n: int, word: str) -> str:
+def count(n: int, word: str) -> str:
+    """A number of things: "1 view", "2 views"."""
     return f"{n} {word}{'' if n == 1 else 's'}"
 
 

@@ -42,9 +42,9 @@ class NearDuplicates:
         """One sentence that names the photos and says what is wrong with them."""
         first, *others = self.names
         return (
-            f"{', '.join(others)}: the board is where it is in {first} (corners within {self.rms_px:.1f} px). "
-            "Repeated views add no information but make the stated sigmas too small; keep one of them and move the "
-            "board."
+            f"{', '.join(others)}: the board is where it was in {first} (within {self.rms_px:.1f} px). "
+            "Repeated views add no information but make the stated sigmas too small; keep one of them and "
+            "move the board."
         )
 
 
@@ -134,8 +134,8 @@ def advise_board(
             cause = _cause((columns, rows), size)
             return f"{what}; {board} fits {fits} of {len(photos)} tried: {cause} (--board {board})"
     return (
-        f"{what}, nor one of a similar size in the {len(photos)} tried. Count INNER corners (where four squares "
-        "meet); the whole board must be in the picture, sharp, evenly lit, flat, with a light margin around it"
+        f"{what}, nor a similar one in {len(photos)} tried. Count INNER corners (where "
+        "four squares meet); the whole board must be in the picture, sharp, flat and evenly lit, with a light margin"
     )
 
 
@@ -155,7 +155,7 @@ def _candidates(photos: Sequence[Grey], board: tuple[int, int]) -> list[tuple[in
 
 
 def _any_lattice(photo: Grey, columns_first: bool) -> tuple[int, int] | None:
-    """Size of the biggest lattice of corners seen by OpenCV's sector finder, its longer side as the user's."""
+    """Size of the biggest lattice that OpenCV's sector finder sees, its longer side as the user's."""
     found, _, meta = cv2.findChessboardCornersSBWithMeta(photo, (3, 3), cv2.CALIB_CB_LARGER)
     if not found:
         return None

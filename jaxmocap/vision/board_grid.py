@@ -57,7 +57,7 @@ def check_board(columns_rows: tuple[int, int]) -> tuple[int, int]:
         columns, rows, exact = 0, 0, False
     if not exact or not 3 <= min(columns, rows) <= max(columns, rows) <= 200:
         raise InputError(
-            f"board {columns_rows!r}: expected COLUMNSxROWS as two whole numbers from 3 to 200, counting INNER "
+            f"board {columns_rows!r}: expected COLUMNSxROWS, two whole numbers from 3 to 200, counting INNER "
             "corners (where four squares meet): a board of 10 x 7 squares is 9x6."
         )
     return columns, rows
@@ -168,8 +168,7 @@ def grid_fault(grey: Grey, grid: Floats, *, whole_board_in_view: bool = False) -
 
 
 def cell_turns(grid: Floats) -> Floats:
-    """For each of a square's four corners the sine-like turn from row to column direction, (4, rows-1,
-    columns-1).
+    """Turn from row to column direction at the four corners of each square, (4, rows-1, columns-1).
 
     All positive: the square is convex and not mirrored. In squared pixels.
     """
@@ -178,7 +177,7 @@ def cell_turns(grid: Floats) -> Floats:
 
 
 def square_brightness(grey: Grey, grid: Floats) -> Floats:
-    """Mean brightness in the middle of each square, (rows-1, columns-1); NaN where that is not in the image."""
+    """Mean brightness in each square's middle, (rows-1, columns-1); NaN where that is not in the image."""
     t = _SAMPLES
     along_top = grid[:-1, :-1, None] * (1 - t)[:, None] + grid[:-1, 1:, None] * t[:, None]
     along_bottom = grid[1:, :-1, None] * (1 - t)[:, None] + grid[1:, 1:, None] * t[:, None]
@@ -220,7 +219,7 @@ def _first_square_is_dark(grey: Grey, grid: Floats) -> bool:
 
 
 def _contrast(brightness: Floats, parity: Floats) -> float:
-    """Half the brightness difference of the squares of parity +1 and -1; 0 unless at least two of each are seen."""
+    """Half the difference of the squares of parity +1 and -1; 0 unless at least two of each are seen."""
     seen = np.isfinite(brightness)
     bright, dark = brightness[seen & (parity > 0)], brightness[seen & (parity < 0)]
     return float(bright.mean() - dark.mean()) / 2 if min(bright.size, dark.size) >= 2 else 0.0
@@ -246,7 +245,7 @@ def _extended(grid: Floats) -> Floats:
 
 
 def _continued(last_rows: Floats) -> Floats:
-    """`_RING` rows more, by the plane-to-image homography of the last three (few, so that the lens bends little)."""
+    """`_RING` rows more, by the homography of the last three: few, so that the lens bends little."""
     depth, columns = last_rows.shape[:2]
     steps = np.append(np.arange(depth), depth - 1 + np.array(_OUTWARDS))
     lattice = np.stack(np.meshgrid(np.arange(columns, dtype=np.float64), steps), axis=-1)

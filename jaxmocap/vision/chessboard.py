@@ -1,5 +1,4 @@
-"""Inner corners of a chessboard in one photo: find the grid, refuse a wrong one, refine to a fraction of a
-pixel.
+"""Inner corners of a chessboard in one photo: find the grid, refuse a wrong one, refine to sub-pixels.
 
 Two finders of OpenCV are used. The finder of *quads* joins closed dark squares corner to corner; the finder
 of *sectors* matches the four-fold pattern around a corner and takes any lattice of such points. The default
@@ -23,14 +22,23 @@ from jaxmocap.vision.board_grid import Floats, Grey, as_grid, check_board, grid_
 Detector = Literal["default", "quads", "sectors"]
 
 _QUAD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-_SUBPIX_STOP = (
-    cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER,
-    100,
-    1e-4,
-)  # pixels: far below any corner's noise
+# pixels: far below any corner's noise
+_SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-4)
 
-WINDOW_FRACTION = 0.25
-MIN_HALF_WINDOW = 2
+WINDOW_FRACTION = 0.2
+"""Half window over the smallest distance from a corner to a grid line beside it. Wider windows lower the
+residuals, but on pictures of an independent renderer their stated sigmas stop holding
+(`scripts/corner_sigmas.py`)."""
+
+MIN_HALF_WINDOW = 5
+"""Pixels wanted even where squares are small: blur spreads an edge over 3 or 4 pixels, and the finder's first
+guess may be 2 or 3 pixels off."""
+
+MAX_WINDOW_FRACTION = 0.35
+"""But never more than this fraction: the half diagonal of the window is then 0.5 spacings, which stays clear
+of the far edge even of outer squares that are printed or cut half as wide."""
+
+_LEAST_HALF_WINDOW = 2  # below, fewer edge pixels than unknowns: such corners cannot be refined
 
 
 @dataclass(frozen=True)
@@ -51,7 +59,7 @@ class CornerResult:
 
 
 def find_corners(
-    photo_grey: Grey, columns_rows: tuple[int, int], detector: Detector = "default"
+    photo_grey: NDArray, columns_rows: tuple[int, int], detector: Detector = "default"
 ) -> CornerResult | None:
     """Find all inner corners of a chessboard.
 
@@ -78,12 +86,12 @@ def find_corners(
     if min(photo_grey.shape) < 16:
         return None  # no room for 4 x 4 squares, and OpenCV's finders fail on such sizes
     if detector != "sectors":
-        found = _find_quads(photo_grey, columns_rows)
+        found = find_quads(photo_grey, columns_rows)
         if found is not None:
             return _refined(photo_grey, found, columns_rows, "quads")
     if detector == "quads":
         return None
-    found = _find_sectors(photo_grey, columns_rows)
+    found = find_sectors(photo_grey, columns_rows)
     if found is None:
         return None
     if detector == "sectors":
@@ -95,6 +103,9 @@ def half_windows(
     uv: NDArray, columns_rows: tuple[int, int], image_size: tuple[int, int]
 ) -> NDArray[np.int64]:
     """Half size of the square window in which each corner is refined.
+
+    One size for the whole view, so that all its corners are about equally uncertain, as least squares without
+    weights assumes; smaller only for corners nearer than that to the border.
 
     Args:
         uv: Corners row by row, (columns * rows, 2), pixels.
@@ -108,15 +119,14 @@ def half_windows(
         InputError: The corners do not fit the board.
     """
     grid = as_grid(uv, columns_rows)
-    free = _distance_to_next_line(grid).ravel()
-    border = np.minimum(uv, np.subtract(image_size, 1) - uv).min(axis=1)
-    wanted = np.maximum(WINDOW_FRACTION * free, MIN_HALF_WINDOW)
+    free = distance_to_next_line(grid)
+    wanted = max(WINDOW_FRACTION * free, min(MIN_HALF_WINDOW, MAX_WINDOW_FRACTION * free))
+    border = np.minimum(grid, np.subtract(image_size, 1) - grid).min(axis=-1).ravel()
     return np.floor(np.minimum(wanted, border)).astype(np.int64)
 
 
 def refine_corners(grey: Grey, uv: NDArray, half_window: NDArray[np.int64]) -> Floats:
-    """Move each corner to the point where all brightness gradients around it are perpendicular to the line to
-    it.
+    """Move each corner to where all brightness gradients around it are perpendicular to the line to it.
 
     Args:
         grey: The photo, uint8 (h, w).
@@ -135,7 +145,7 @@ def refine_corners(grey: Grey, uv: NDArray, half_window: NDArray[np.int64]) -> F
     return refined.astype(np.float64)
 
 
-def _find_quads(grey: Grey, columns_rows: tuple[int, int]) -> Floats | None:
+def find_quads(grey: Grey, columns_rows: tuple[int, int]) -> Floats | None:
     """Grid of the finder that joins dark squares, validated, or None."""
     found, corners = cv2.findChessboardCorners(grey, columns_rows, flags=_QUAD_FLAGS)
     if not found:
@@ -143,7 +153,7 @@ def _find_quads(grey: Grey, columns_rows: tuple[int, int]) -> Floats | None:
     return _validated(grey, corners, columns_rows, whole_board_in_view=False)
 
 
-def _find_sectors(grey: Grey, columns_rows: tuple[int, int]) -> Floats | None:
+def find_sectors(grey: Grey, columns_rows: tuple[int, int]) -> Floats | None:
     """Grid of the finder that matches sectors, validated, or None.
 
     That finder needs no squares, only corners, and so cannot tell a board from a part of a bigger one whose
@@ -172,21 +182,21 @@ def _refined(grey: Grey, uv: Floats, columns_rows: tuple[int, int], finder: str)
     height, width = grey.shape
     half = half_windows(uv, columns_rows, (width, height))
     refined = refine_corners(grey, uv, half)
-    if (half < 1).any() or (np.abs(refined - uv).max(axis=1) > half).any():
+    if (half < _LEAST_HALF_WINDOW).any() or (np.abs(refined - uv).max(axis=1) > half).any():
         return None
     return CornerResult(refined, finder, half)
 
 
-def _distance_to_next_line(grid: Floats) -> Floats:
-    """How far each corner is from the nearest grid line that does not pass through it, (rows, columns), pixels."""
-    along, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    nearest = np.full(grid.shape[:2], np.inf)
-    for axis, direction in ((1, down), (0, along)):
-        step = np.diff(grid, axis=axis)
-        here = direction[:, :-1] if axis == 1 else direction[:-1]
-        normal = here[..., ::-1] * (1.0, -1.0)
-        distance = np.abs((step * normal).sum(axis=-1)) / np.linalg.norm(here, axis=-1)
-        low, high = (np.s_[:, :-1], np.s_[:, 1:]) if axis == 1 else (np.s_[:-1], np.s_[1:])
-        nearest[low] = np.minimum(nearest[low], distance)
-        nearest[high] = np.minimum(nearest[high], distance)
-    return nearest
+def distance_to_next_line(grid: Floats) -> float:
+    """Smallest distance in the view from a corner to a grid line beside it, pixels.
+
+    Less than the spacing where foreshortening makes squares into narrow diamonds.
+    """
+    shortest = np.inf
+    for lines in (grid, grid.swapaxes(0, 1)):
+        along = np.gradient(lines, axis=1)  # direction of each line at its corners
+        step = np.diff(lines, axis=0)
+        for direction in (along[:-1], along[1:]):
+            turn = step[..., 0] * direction[..., 1] - step[..., 1] * direction[..., 0]
+            shortest = min(shortest, float((np.abs(turn) / np.linalg.norm(direction, axis=-1)).min()))
+    return shortest

@@ -100,7 +100,7 @@ def detect_boards(
 
 @dataclass(frozen=True)
 class _View:
-    """What is kept of a photo after it was searched: not its pixels, of which a hundred photos would fill the memory."""
+    """What is kept of a photo once searched: not its pixels, a hundred photos would fill the memory."""
 
     name: str
     path: Path

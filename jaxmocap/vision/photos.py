@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -57,6 +57,7 @@ class Photo:
         return width, height
 
 
+@runtime_checkable
 class NamedSize(Protocol):
     """Anything with a name and an image size: a `Photo`, or what was kept of one."""
 
@@ -226,7 +227,7 @@ def _over_white(bgra: NDArray) -> tuple[NDArray, bool]:
 
 
 def _to_8_bits(grey: NDArray) -> NDArray[np.uint8]:
-    """8-bit grey; 16-bit files often hold 10, 12 or 14 bits, so the scale is the smallest power of two that fits."""
+    """8-bit grey; 16-bit files often hold 10 to 14 bits: scaled by the least power of two that fits."""
     if grey.dtype == np.uint8:
         return grey
     bits = max(8, int(grey.max()).bit_length())
@@ -242,6 +243,6 @@ def _orientation_warning(image: Image.Image) -> list[str]:
     if orientation == 1:
         return []
     return [
-        f"EXIF orientation {orientation}: viewers turn or mirror this photo. Its pixels are used as the sensor stored "
-        "them, so that one camera matrix fits photos taken upright and on the side."
+        f"EXIF orientation {orientation}: viewers turn or mirror this photo. Its pixels are used as the "
+        "sensor stored them, so that one camera matrix fits photos taken upright and on the side."
     ]

@@ -1,1 +1,1 @@
-
+"""The order of steps from files to files; no formula."""

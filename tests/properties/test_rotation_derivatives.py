@@ -74,7 +74,7 @@ def test_forward_reverse_and_second_derivatives(fn, where):
 
 def test_second_derivatives_at_the_identity_by_hand():
     """exp = I + [w] + [w]^2 / 2 + ...: d2 exp / dw_i dw_j = ([e_i][e_j] + [e_j][e_i]) / 2."""
-    E = np.stack([np.cross(np.eye(3), -e) for e in np.eye(3)])  # [e_i]
+    E = np.stack([np.cross(np.eye(3), e) for e in np.eye(3)])  # [e_i]
     expected = np.einsum("iab,jbc->acij", E, E)
     expected = (expected + np.swapaxes(expected, -1, -2)) / 2
     np.testing.assert_allclose(jax.jacfwd(jax.jacfwd(rotation.exp))(jnp.zeros(3)), expected, atol=1e-15)
@@ -107,7 +107,7 @@ def test_log_of_a_matrix_has_finite_first_and_second_derivatives(turn):
         assert np.all(np.isfinite(second(R)))
         np.testing.assert_allclose(first(R), forward(R), atol=1e-12)
     # At the identity: d log along [e_i] is e_i.
-    along = np.einsum("cab,iab->ci", np.asarray(first(jnp.eye(3))), np.stack([np.cross(np.eye(3), -e) for e in np.eye(3)]))
+    along = np.einsum("cab,iab->ci", np.asarray(first(jnp.eye(3))), np.stack([np.cross(np.eye(3), e) for e in np.eye(3)]))
     np.testing.assert_allclose(along, np.eye(3), atol=1e-15)
 
 

@@ -1,0 +1,147 @@
+"""From points seen on targets to a calibrated rig: pad, start, refine, freeze what is not determined."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmocap._arrays import check_finite, require_x64
+from jaxmocap._errors import InputError, SolveError
+from jaxmocap.calibration.boards import (
+    MODELS,
+    DistortionModel,
+    TargetViews,
+    free_parameters,
+    refine_targets,
+)
+from jaxmocap.calibration.determined import undetermined
+from jaxmocap.calibration.start import start_rig
+from jaxmocap.observations import PixelObservations
+from jaxmocap.optim import ArrowVariables
+from jaxmocap.optim.packing import bucket
+from jaxmocap.results import RESULTS, Estimate
+
+_MOST_FREEZES = 6
+
+
+def make_views(
+    points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: np.ndarray | None = None
+) -> TargetViews:
+    """Views padded to a size that few compilations serve; the added ones see nothing.
+
+    Args:
+        points: (views, points, 3) in the target's frame [scene].
+        uv: (views, cameras, points, 2) [px].
+        visible: (views, cameras, points).
+        sigma: same shape [px]; None: 1 px.
+
+    Returns:
+        TargetViews.
+
+    Raises:
+        InputError: numbers that are not finite where something was seen.
+    """
+    check_finite("points", points[visible.any(axis=1)], "Correct or remove these rows.")
+    check_finite("uv", uv[visible], "Correct or remove these corners.")
+    extra = bucket(len(uv)) - len(uv)
+    pad = lambda x: np.concatenate([x, np.repeat(x[-1:], extra, axis=0)]) if extra else x  # noqa: E731
+    seen = pad(visible)
+    seen[len(uv) :] = False
+    observed = PixelObservations(
+        uv=jnp.asarray(np.where(seen[..., None], pad(uv), 0.0)),
+        visible=jnp.asarray(seen),
+        sigma=jnp.ones(seen.shape) if sigma is None else jnp.asarray(pad(sigma)),
+    )
+    return TargetViews(jnp.asarray(pad(points)), observed)
+
+
+def _check_enough(views: TargetViews, cameras: list[str], names: int) -> None:
+    """Refuse what cannot determine the parameters asked for, by counting equations."""
+    seen = np.asarray(views.seen.visible)
+    for k, camera in enumerate(cameras):
+        used = seen[:, k].any(axis=1).sum()
+        equations, unknowns = 2 * int(seen[:, k].sum()), 4 + names + 6 * int(used)
+        if used == 0:
+            raise InputError(f"camera {camera}: the target was seen in no view. Record it in front of this camera.")
+        if equations < unknowns:
+            raise SolveError(
+                f"camera {camera}: {equations} measured coordinates cannot determine {unknowns} unknowns "
+                f"({used} views). Add views or points, or ask for less (--distortion none)."
+            )
+
+
+def solve_targets(
+    views: TargetViews,
+    cameras: list[str],
+    image_sizes: list[tuple[int, int]],
+    *,
+    distortion: DistortionModel = "k1k2",
+    skew: bool = False,
+    robust: bool = False,
+    progress: Callable[[Any, Any, Any], None] | None = None,
+) -> tuple[Estimate, ArrowVariables, tuple[tuple[str, ...], ...]]:
+    """Calibrate cameras from what they saw of known targets.
+
+    Args:
+        views: as `make_views` makes them.
+        cameras: names, for messages.
+        image_sizes: (width, height) of each [px].
+        distortion: lens model.
+        skew: whether K[0][1] is sought.
+        robust: Cauchy loss whose width follows from the data, instead of plain least squares.
+        progress: called with (step, cost, damping).
+
+    Returns:
+        estimate; what was free; names frozen because the data do not determine them, for each camera.
+
+    Raises:
+        InputError: a camera that saw nothing, 32-bit JAX.
+        SolveError: too few data, or the solve failed (with the sentence).
+    """
+    require_x64("A calibration")
+    free_parameters(len(cameras), distortion, skew)  # refuses an unknown model before anything else
+    _check_enough(views, cameras, len(MODELS[distortion]) + skew)
+    start, _ = start_rig(views, image_sizes, cameras)
+    start = _without(start, [tuple({"k1", "k2"} - set(MODELS[distortion]))] * len(cameras), image_sizes)
+    frozen: tuple[tuple[str, ...], ...] = ((),) * len(cameras)
+    for _ in range(_MOST_FREEZES + 1):
+        free = free_parameters(len(cameras), distortion, skew, frozen)
+        estimate = refine_targets(start, views, free, loss="cauchy" if robust else None, progress=progress)
+        if estimate.result not in (RESULTS.successful, RESULTS.undetermined):
+            break
+        more = undetermined(estimate, free, image_sizes)
+        if not any(more):
+            break
+        frozen = tuple(tuple(sorted({*a, *b})) for a, b in zip(frozen, more))
+        start = _without(start, list(frozen), image_sizes)
+    estimate.check()
+    _check_cameras(estimate, cameras)
+    return estimate, free, frozen
+
+
+def _without(
+    start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: list[tuple[int, int]]
+) -> ArrowVariables:
+    """Start values with the named numbers at what they are held at: 0, or the image centre."""
+    from dataclasses import replace
+
+    lenses = []
+    for lens, gone, (width, height) in zip(start.shared.lenses, names, image_sizes):
+        held = {n: jnp.zeros(()) for n in gone}
+        held |= {n: jnp.asarray(0.5 * (s - 1)) for n, s in (("cx", width), ("cy", height)) if n in gone}
+        inner = {n: v for n, v in held.items() if n in ("cx", "cy", "skew")}
+        outer = {n: v for n, v in held.items() if n not in inner}
+        lenses.append(
+            replace(lens, intrinsics=replace(lens.intrinsics, **inner), distortion=replace(lens.distortion, **outer))
+        )
+    return ArrowVariables(replace(start.shared, lenses=tuple(lenses)), start.local)
+
+
+def _check_cameras(estimate: Estimate, cameras: list[str]) -> None:
+    for lens, name in zip(estimate.value.shared.lenses, cameras):
+        if not (float(lens.intrinsics.fx) > 0 and float(lens.intrinsics.fy) > 0):
+            raise SolveError(
+                f"camera {name}: the focal length came out negative. Likely cause: the numbering of the points is "
+                "mirrored between the target and the image. Check the order of x and y."
+            )
