@@ -80,9 +80,7 @@ def draw_world(kind: Kind, seed: int) -> World:
     photos, corners = [], []
     while len(photos) < VIEWS:
         rvec, tvec = random_pose(rng, kind.distance)
-        seen = cv2.projectPoints(board_points(1.0), rvec, tvec, camera_matrix(truth), lens(truth))[0].reshape(
-            -1, 2
-        )
+        seen = cv2.projectPoints(board_points(1.0), rvec, tvec, camera_matrix(truth), lens(truth))[0].reshape(-1, 2)
         if (seen < 25).any() or (seen > np.array(SIZE) - 26).any():
             continue
         photos.append(draw_photo(kind, rvec, tvec, undistorted, rng))
@@ -114,9 +112,7 @@ def normalised_rays(truth: NDArray) -> NDArray:
     s = SUPERSAMPLING
     u = (np.arange(SIZE[0] * s) + 0.5) / s - 0.5
     v = (np.arange(SIZE[1] * s) + 0.5) / s - 0.5
-    distorted = np.stack(np.meshgrid((u - truth[2]) / truth[0], (v - truth[3]) / truth[1]), -1).astype(
-        np.float32
-    )
+    distorted = np.stack(np.meshgrid((u - truth[2]) / truth[0], (v - truth[3]) / truth[1]), -1).astype(np.float32)
     rays = distorted.copy()
     for _ in range(12):
         r2 = (rays**2).sum(-1, keepdims=True)
@@ -267,9 +263,7 @@ def table_row(name: str, kind: str, scores: list[Score]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", nargs="?", type=Path, help="rendered chessboards with ground_truth.json")
     parser.add_argument("--worlds", type=int, default=2, help="drawn worlds of each kind")
     arguments = parser.parse_args()
@@ -281,9 +275,7 @@ def main() -> None:
         if arguments.folder:
             worlds["rendered"] = [puppet_world(arguments.folder)]
         print("errors and rms in pixels; z and its root mean square by parameter in stated sigmas")
-        print(
-            f"{'way':27s} {'photos':12s} views     rms  median   error bias               z rms      ", end=""
-        )
+        print(f"{'way':27s} {'photos':12s} views     rms  median   error bias               z rms      ", end="")
         print("fx    fy    cx    cy    k1    k2")
         for name, way in WAYS.items():
             for kind, members in worlds.items():

@@ -3,12 +3,12 @@
     python scripts/simulate_calibration.py --repeats 4000 --seed 0
     python scripts/simulate_calibration.py --repeats 4000 --seed 0 --correlated
 
-A perfect world (jaxmocap.synthetic.chessboards) gets new noise in every repeat and is calibrated by the package. For
-each parameter: how often the interval estimate +- 1.96 sigma holds the truth (95 % if sigma is right), once with the
-PLAIN sigma, which takes all corners for independent, and once with the STATED one, which is what every report prints
-(plain times the design effect, see jaxmocap.optim.covariance); and the spread of the estimates over the Cramer-Rao
-bound, from a dense Jacobian at the truth. With --correlated the corners of a picture also share an error (a shift and
-an affine distortion of 0.1 px each): there plain sigmas must fail, and the question is whether the stated ones hold.
+A perfect world (jaxmocap.synthetic.chessboards) gets new noise in every repeat and is calibrated by the package.
+For each parameter: how often the interval estimate +- 1.96 sigma holds the truth (95 % if sigma is right), once
+with the PLAIN sigma, which takes all corners for independent, and once with the STATED one, which is what every
+report prints (see jaxmocap.optim.covariance); and the spread of the estimates over the Cramer-Rao bound, from a
+dense Jacobian at the truth. With --correlated the corners of a picture also share an error (a shift and an affine
+distortion of 0.1 px each): there plain sigmas must fail, and the question is whether the stated ones hold.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ MODEL = "k1k2"
 
 
 def worlds(views: int, seed: int) -> dict[str, ChessboardWorld]:
-    """Two cameras: a webcam with a strong lens, and a long lens with little distortion and larger pictures."""
+    """Two cameras: a webcam with a strong lens, and a long lens with larger pictures."""
     webcam = lens_of_numbers(800.0, 800.0, 319.5, 239.5, (-0.25, 0.08))
     tele = lens_of_numbers(2400.0, 2390.0, 660.0, 340.0, (-0.10, 0.15))
     return {
@@ -58,14 +58,16 @@ def worlds(views: int, seed: int) -> dict[str, ChessboardWorld]:
 
 
 @partial(jax.jit, static_argnames=("repeats",))
-def _batch(world: ChessboardWorld, shift: jax.Array, affine: jax.Array, key: jax.Array, repeats: int):
+def _batch(
+    truth: ArrowVariables, views: TargetViews, shift: jax.Array, affine: jax.Array, key: jax.Array, repeats: int
+):
     """Estimates, plain sigmas, leave-one-out sigmas and design effects of some repeats."""
     free = free_parameters(1, MODEL, False)
 
     def one(key: jax.Array):
         own, common = jax.random.split(key)
-        noisy = add_view_noise(add_noise(world.views, SIGMA, own), shift, affine, common)
-        estimate = refine_targets(world.truth, noisy, free)
+        noisy = add_view_noise(add_noise(views, SIGMA, own), shift, affine, common)
+        estimate = refine_targets(truth, noisy, free)
         lens = estimate.value.shared.lenses[0]
         K, d = lens.intrinsics, lens.distortion
         found = jnp.stack([K.fx, K.fy, K.cx, K.cy, d.k1, d.k2])
@@ -84,9 +86,7 @@ def _batch(world: ChessboardWorld, shift: jax.Array, affine: jax.Array, key: jax
     return jax.vmap(one)(jax.random.split(key, repeats))
 
 
-def simulate(
-    world: ChessboardWorld, repeats: int, seed: int, correlated: bool = False
-) -> dict[str, np.ndarray]:
+def simulate(world: ChessboardWorld, repeats: int, seed: int, correlated: bool = False) -> dict[str, np.ndarray]:
     """Everything about every repeat, and the truth.
 
     Args:
@@ -94,6 +94,7 @@ def simulate(
         repeats: how many.
         seed: of the noise.
         correlated: whether the corners of a picture share an error.
+
     Returns:
         Arrays with a leading axis of repeats, "truth" and "bound" (Cramer-Rao sigma of each parameter).
     """
@@ -101,7 +102,7 @@ def simulate(
     parts = []
     for k, start in enumerate(range(0, repeats, BATCH)):
         key = jax.random.fold_in(jax.random.key(seed), k)
-        part = jax.tree.map(np.asarray, _batch(world, shift, affine, key, BATCH))
+        part = jax.tree.map(np.asarray, _batch(world.truth, world.views, shift, affine, key, BATCH))
         parts.append({name: x[: repeats - start] for name, x in part.items()})
     out = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     lens = world.truth.shared.lenses[0]
@@ -112,7 +113,7 @@ def simulate(
 
 
 def cramer_rao(world: ChessboardWorld) -> np.ndarray:
-    """Smallest possible sigma of each free shared parameter per pixel of noise, by dense algebra at the truth."""
+    """Smallest possible sigma of each shared parameter per pixel of noise, by dense algebra at the truth."""
     free = jax.tree.leaves(free_parameters(1, MODEL, False).shared)
     leaves, tree = jax.tree.flatten(world.truth.shared)
     picked = [k for k, flag in enumerate(free) if flag]
@@ -129,9 +130,7 @@ def cramer_rao(world: ChessboardWorld) -> np.ndarray:
     J = [np.asarray(jax.jit(jax.jacfwd(residual))(z0, pose0, world.views))]
     by_pose = jax.jit(jax.jacfwd(residual, argnums=1))(z0, pose0, world.views)
     J += [np.asarray(x).reshape(len(J[0]), -1) for x in by_pose]
-    R = np.linalg.qr(
-        np.concatenate(J[1:] + J[:1], axis=1), mode="r"
-    )  # shared last: its block is the reduced one
+    R = np.linalg.qr(np.concatenate(J[1:] + J[:1], axis=1), mode="r")  # shared last: its block is the reduced one
     inverse = np.linalg.inv(R[-len(picked) :, -len(picked) :])
     return np.sqrt(np.sum(inverse**2, axis=1))
 
@@ -154,9 +153,7 @@ def print_table(title: str, out: dict[str, np.ndarray], names: list[str]) -> Non
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--repeats", type=int, default=4000)
     parser.add_argument("--views", type=int, default=15)
     parser.add_argument("--seed", type=int, default=0)

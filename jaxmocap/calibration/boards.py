@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import require_x64
 from jaxmocap._errors import InputError
-from jaxmocap.cameras import BrownDistortion, Intrinsics, project_from_camera
+from jaxmocap.cameras import BrownDistortion, Intrinsics, pixel_of_point
 from jaxmocap.geometry import Pose
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import ArrowProblem, ArrowVariables, least_squares
@@ -66,7 +66,7 @@ def reproject(rig: RigParameters, T_rig_target: Pose, points: Float[Array, "poin
     out = []
     for k, lens in enumerate(rig.lenses):
         p_camera = p_rig if k == 0 else jax.vmap(rig.T_camera_rig[k - 1].act)(p_rig)
-        out.append(jax.vmap(lambda p, m=lens: project_from_camera(m.intrinsics, m.distortion, p)[0])(p_camera))
+        out.append(jax.vmap(lambda p, m=lens: pixel_of_point(m.intrinsics, m.distortion, p))(p_camera))
     return out
 
 

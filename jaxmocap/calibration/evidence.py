@@ -89,9 +89,7 @@ def board_attitude(R_camera_board: np.ndarray, centre_camera: np.ndarray) -> tup
     return float(tilt), float(np.degrees(np.arctan2(normal[1], normal[0])) % 360.0), float(centre_camera[2])
 
 
-def real_radius_px(
-    K: np.ndarray, distortion: np.ndarray, ideal_radius: float | np.ndarray
-) -> float | np.ndarray:
+def real_radius_px(K: np.ndarray, distortion: np.ndarray, ideal_radius: float | np.ndarray) -> float | np.ndarray:
     """Radius in the raw image at which an ideal normalised radius is seen (tangential part left out).
 
     Args:
@@ -121,18 +119,28 @@ def image_corners(image_size: tuple[int, int]) -> np.ndarray:
     return np.array([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
 
 
+# Steps of 5 degrees round a convex outline by at most 1 - cos(2.5 deg) = 0.1 % of its size.
+_ANGLES = np.radians(np.arange(0, 360, 5))
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+def convex_outline(uv: np.ndarray) -> np.ndarray:
+    """Points (m, 2) of the convex outline of uv (n, 2), in order around it: the farthest in each direction."""
+    if len(uv) < 2:
+        return uv
+    farthest = np.argmax(uv @ _DIRECTIONS, axis=0)
+    return uv[farthest[farthest != np.roll(farthest, 1)]]
+
+
 def covered_fraction(image_size: tuple[int, int], uv_lists: Sequence[np.ndarray]) -> float:
     """Share of the image inside the convex outline of at least one view's corners, on a grid of 64 x 48."""
     cells = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), axis=-1).reshape(-1, 2)
     grid = cells * (np.array(image_size) / (64, 48)) - 0.5
-    # A point lies in a convex outline if it is beyond it in no direction; 5-degree steps round the outline
-    # by at most 1 - cos(2.5 deg) = 0.1 % of its size.
-    angle = np.radians(np.arange(0, 360, 5))
-    directions = np.stack([np.cos(angle), np.sin(angle)])
+    # A point lies in a convex outline if it is beyond it in no direction.
     seen = np.zeros(len(grid), bool)
     for uv in uv_lists:
         if len(uv):
-            seen |= np.all(grid @ directions <= np.max(uv @ directions, axis=0), axis=1)
+            seen |= np.all(grid @ _DIRECTIONS <= np.max(uv @ _DIRECTIONS, axis=0), axis=1)
     return float(seen.mean())
 
 

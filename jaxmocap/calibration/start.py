@@ -1,35 +1,26 @@
 """Start values for calibrations from targets, without any help from the user.
 
-Host code: it decides between methods by looking at numbers. Per camera: homographies (flat targets) or projection
-matrices (others) give intrinsics and poses; every candidate, and the mirrored pose of every flat view, is tried
-and the one with the smallest reprojection error kept.
+Per camera: homographies (flat targets) or projection matrices (others) give intrinsics and poses; every candidate,
+and the mirrored pose of every flat view, is tried and the one with the smallest reprojection error kept. The arrays
+of each step are brought to one size, so that a step is compiled once for every board and every number of photos.
 """
 
-from functools import partial
-
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from jaxmocap._errors import SolveError
+from jaxmocap.calibration import start_steps as steps
 from jaxmocap.calibration.boards import Lens, RigParameters, TargetViews
-from jaxmocap.calibration.dlt import decompose_projection, fit_projection_linear
-from jaxmocap.calibration.homography import fit_homography_linear
-from jaxmocap.calibration.zhang import (
-    fit_distortion_linear,
-    fit_focal_linear,
-    fit_intrinsics_linear,
-    mirrored_pose,
-    pose_from_homography,
-)
-from jaxmocap.cameras import BrownDistortion, Intrinsics, project_from_camera
-from jaxmocap.geometry import Pose, rotation
+from jaxmocap.geometry import Pose
 from jaxmocap.optim import ArrowVariables
 
 # Points whose spread across their best plane is below this fraction of their spread within it count as flat: the
 # homography of a plane that thick is wrong by a fraction of a pixel, a projection matrix from it by everything.
 _FLAT = 1e-3
+# A start needs no more: 48 points fix a homography to a fraction of their noise, 16 views a calibration matrix.
+_POINTS, _VIEWS = 48, 16
 
 
 def _plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -49,85 +40,25 @@ def _plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.
     return frames, flat
 
 
-@jax.jit
-def _homographies(xy: Array, uv: Array, seen: Array) -> Array:
-    return jax.vmap(fit_homography_linear)(xy, uv, seen)
-
-
-@partial(jax.jit, static_argnames=("image_size",))
-def _intrinsics_candidates(H: Array, use: Array, image_size: tuple[int, int]) -> tuple[Array, Array]:
-    """K of Zhang's method, K of one focal length, and K of plausible fields of view; with a flag each."""
-    zhang, zhang_real = fit_intrinsics_linear(H, use, image_size)
-    focal, focal_real = fit_focal_linear(H, use, image_size)
-    width, height = image_size
-    guesses = [
-        Intrinsics(jnp.array(f), jnp.array(f), jnp.array(0.5 * (width - 1)), jnp.array(0.5 * (height - 1)), jnp.array(0.0))
-        for f in (0.6 * width, 1.2 * width, 3.0 * width)  # 80, 45 and 19 degrees across
-    ]
-    K = jnp.stack([k.matrix() for k in (zhang, focal, *guesses)])
-    inside = (K[:, 0, 2] > -width) & (K[:, 0, 2] < 2 * width) & (K[:, 1, 2] > -height) & (K[:, 1, 2] < 2 * height)
-    real = jnp.stack([zhang_real, focal_real, *[jnp.array(True)] * 3]) & inside & jnp.all(jnp.isfinite(K), axis=(1, 2))
-    return K, real
-
-
-def _pose_steps(lens: Lens, T: Pose, points: Array, uv: Array, seen: Array, steps: int) -> tuple[Pose, Array]:
-    """A few damped Gauss-Newton steps on one pose, and the sum of squared residuals it ends with."""
-
-    def residual(z: Array) -> Array:
-        pose = Pose(z[:3], z[3:])
-        predicted = jax.vmap(lambda p: project_from_camera(lens.intrinsics, lens.distortion, pose.act(p))[0])(points)
-        return jnp.where(seen[:, None], predicted - uv, 0.0).reshape(-1)
-
-    def body(carry: tuple[Array, Array, Array], _: None):
-        z, cost, damping = carry
-        r, J = residual(z), jax.jacfwd(residual)(z)
-        A = J.T @ J
-        D = jnp.diag(jnp.where(jnp.diagonal(A) > 0, jnp.diagonal(A), 1.0))
-        new = z - jnp.linalg.solve(A + damping * D, J.T @ r)
-        new_cost = jnp.sum(residual(new) ** 2)
-        better = new_cost < cost
-        return (
-            jnp.where(better, new, z),
-            jnp.where(better, new_cost, cost),
-            damping * jnp.where(better, 0.2, 10.0),
-        ), None
-
-    z0 = jnp.concatenate([rotation.canonical(T.rotvec), T.translation])
-    start = (z0, jnp.sum(residual(z0) ** 2), jnp.asarray(1e-3))
-    (z, cost, _), _ = jax.lax.scan(body, start, None, length=steps)
-    return Pose(z[:3], z[3:]), cost
-
-
-@jax.jit
-def _try_intrinsics(K: Array, H: Array, T_plane_target: Array, points: Array, uv: Array, seen: Array):
-    """Lens, poses and error of one K: both mirrored poses refined, distortion estimated, the better pose kept."""
-    intrinsics = Intrinsics.from_matrix(K)
-    centres = jnp.sum(jnp.where(seen[..., None], points, 0.0), axis=1) / jnp.maximum(jnp.sum(seen, axis=1), 1)[:, None]
-
-    def ideal(T: Pose, p: Array) -> Array:
-        return project_from_camera(intrinsics, BrownDistortion.none(), T.act(p))[0]
-
-    first = jax.vmap(lambda h, t: pose_from_homography(K, h).compose(Pose.from_matrix(t)))(H, T_plane_target)
-    other = jax.vmap(mirrored_pose)(first, centres)
-    ideal_uv = jax.vmap(lambda T, p: jax.vmap(ideal, (None, 0))(T, p))(first, points)
-    k1, k2 = fit_distortion_linear(ideal_uv.reshape(-1, 2), uv.reshape(-1, 2), seen.reshape(-1), K)
-    zero = jnp.zeros(())
-    fitted = BrownDistortion(k1, k2, zero, zero, zero)
-    out = []
-    for lens in (Lens(intrinsics, BrownDistortion.none()), Lens(intrinsics, fitted)):
-        steps = jax.vmap(lambda T, p, u, m, g=lens: _pose_steps(g, T, p, u, m, 6))
-        (a, cost_a), (b, cost_b) = steps(first, points, uv, seen), steps(other, points, uv, seen)
-        take = cost_b < cost_a
-        pose = jax.tree.map(lambda x, y, t=take: jnp.where(t[:, None], y, x), a, b)
-        out.append((lens, pose, jnp.sum(jnp.minimum(cost_a, cost_b))))
+def _subset(points: np.ndarray, uv: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evenly chosen visible points of each view, padded with unseen ones to one number."""
+    views = len(points)
+    out = np.zeros((views, _POINTS, 3)), np.zeros((views, _POINTS, 2)), np.zeros((views, _POINTS), bool)
+    for i in range(views):
+        there = np.flatnonzero(seen[i])
+        if len(there) > _POINTS:
+            there = there[np.linspace(0, len(there) - 1, _POINTS).round().astype(int)]
+        n = len(there)
+        out[0][i, :n], out[1][i, :n], out[2][i, :n] = points[i, there], uv[i, there], True
     return out
 
 
-@jax.jit
-def _projection_start(points: Array, uv: Array, seen: Array) -> tuple[Array, Array, Array]:
-    """K, R and centre of each view with points in all three dimensions."""
-    P = jax.vmap(fit_projection_linear)(points, uv, seen)
-    return jax.vmap(decompose_projection)(P)
+def _take_views(arrays: tuple[np.ndarray, ...], index: np.ndarray, size: int) -> tuple[np.ndarray, ...]:
+    """The views of an index, padded with zeros to a number."""
+    return tuple(
+        np.concatenate([a[index], np.zeros((size - len(index), *a.shape[1:]), a.dtype)]) if size > len(index) else a[index]
+        for a in arrays
+    )
 
 
 def start_camera(
@@ -135,7 +66,7 @@ def start_camera(
     uv: Float[np.ndarray, "views points 2"],
     seen: np.ndarray,
     image_size: tuple[int, int],
-) -> tuple[Lens, Pose, np.ndarray]:
+) -> tuple[Lens, np.ndarray, np.ndarray]:
     """Start values of one camera.
 
     Args:
@@ -143,81 +74,89 @@ def start_camera(
         uv: where they were seen [px].
         seen: (views, points), True where seen.
         image_size: (width, height) [px].
-
     Returns:
-        lens; T_camera_target with a leading view axis (meaningless for unused views); which views were used.
-
+        lens; T_camera_target as (views, 4, 4) matrices (identity for unused views); which views were used.
     Raises:
         SolveError: if no view shows enough points.
     Source: optical tracking document, algorithms 1-3.
     """
     frames, flat = _plane_frames(points, seen)
-    solid = ~flat & (seen.sum(axis=1) >= 6)
-    use = (flat & (seen.sum(axis=1) >= 4)) | solid
+    count = seen.sum(axis=1)
+    solid = ~flat & (count >= 6)
+    use = (flat & (count >= 4)) | solid
     if not use.any():
         raise SolveError(
             "No view shows enough points for a start: 4 points of a flat target or 6 of one with depth are needed "
             "in at least one view."
         )
-    T_plane_target = np.linalg.inv(frames)
-    on_plane = np.einsum("vij,vpj->vpi", T_plane_target[:, :3, :3], points) + T_plane_target[:, None, :3, 3]
-    seen_flat = seen & flat[:, None]
-    H = _homographies(on_plane[..., :2], uv, seen_flat)
-    K, real = _intrinsics_candidates(H, jnp.asarray(flat & use), image_size)
-    K, real = np.asarray(K), np.array(real)
-    solid_K = None
+    few = (*_subset(points, uv, seen), np.linalg.inv(frames), flat)
+    chosen = np.flatnonzero(use)
+    chosen = chosen[np.linspace(0, len(chosen) - 1, min(_VIEWS, len(chosen))).round().astype(int)]
+    sample = _take_views(few, chosen, _VIEWS)
+    candidates: list[Lens] = []
+    if flat[use].any():
+        many, real = steps.candidate_lenses(*sample, float(image_size[0]), float(image_size[1]))
+        candidates += [jax.tree.map(lambda x, k=k: np.asarray(x)[k], many) for k in np.flatnonzero(real)]
     if solid.any():
-        Ks, Rs, Cs = (np.asarray(x) for x in _projection_start(points, uv, seen & solid[:, None]))
-        solid_K = np.median(Ks[solid], axis=0) * np.array([[1, 0, 1], [0, 1, 1], [0, 0, 1]])
-        K, real = np.concatenate([K, solid_K[None]]), np.append(real, np.isfinite(solid_K).all())
-    best = None
-    for k in np.flatnonzero(real):
-        for lens, pose, cost in _try_intrinsics(K[k], H, T_plane_target, points, uv, seen & use[:, None]):
-            if solid_K is not None:
-                pose, cost = _solid_poses(lens, pose, solid, Rs, Cs, points, uv, seen & use[:, None])
-            if np.isfinite(cost) and (best is None or float(cost) < best[0]):
-                best = (float(cost), lens, pose)
-    if best is None:
+        candidates.append(steps.solid_start(*_take_views(few[:3], np.flatnonzero(solid)[:_VIEWS], _VIEWS))[0])
+    costs = [float(np.sum(np.where(sample[2].any(axis=1), _poses(lens, *sample)[1], 0.0))) for lens in candidates]
+    if not np.isfinite(costs).any():
         raise SolveError("No start could be found: the points do not look like images of the target given.")
-    return best[1], best[2], use
+    lens = candidates[int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))]
+    T = np.tile(np.eye(4), (len(points), 1, 1))
+    for first in range(0, len(points), _VIEWS):
+        index = np.arange(first, min(first + _VIEWS, len(points)))
+        T[index] = _poses(lens, *_take_views(few, index, _VIEWS))[0][: len(index)]
+    T[~use] = np.eye(4)
+    return lens, T, use
 
 
-@jax.jit
-def _refined_poses(lens: Lens, pose: Pose, points: Array, uv: Array, seen: Array) -> tuple[Pose, Array]:
-    return jax.vmap(lambda T, p, u, m: _pose_steps(lens, T, p, u, m, 8))(pose, points, uv, seen)
+def _poses(
+    lens: Lens, points: np.ndarray, uv: np.ndarray, seen: np.ndarray, T_plane_target: np.ndarray, flat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """T_camera_target of each view as 4x4 matrices, and the sums of squared residuals [px^2]."""
+    starts = steps.flat_poses(lens, points, uv, seen, T_plane_target)
+    if not flat[seen.any(axis=1)].all():
+        _, rotvec, translation = steps.solid_start(points, uv, seen)
+        pick = lambda a, b: np.where(flat[:, None, None], a, np.asarray(b)[:, None, :])  # noqa: E731
+        starts = Pose(pick(starts.rotvec, rotvec), pick(starts.translation, translation))
+    refined, cost = steps.refined_poses(lens, starts, points, uv, seen)
+    T = np.tile(np.eye(4), (len(points), 1, 1))
+    T[:, :3, :3] = Rotation.from_rotvec(_finite(refined.rotvec)).as_matrix()
+    T[:, :3, 3] = _finite(refined.translation)
+    return T, np.asarray(cost)
 
 
-def _solid_poses(lens: Lens, pose: Pose, solid: np.ndarray, R: np.ndarray, C: np.ndarray, points, uv, seen):
-    """Poses of views with depth come from their projection matrices."""
-    rotvec = jax.vmap(rotation.log)(jnp.asarray(R))
-    translation = -jnp.einsum("vij,vj->vi", jnp.asarray(R), jnp.asarray(C))
-    pick = jnp.asarray(solid)[:, None]
-    mixed = Pose(jnp.where(pick, rotvec, pose.rotvec), jnp.where(pick, translation, pose.translation))
-    refined, cost = _refined_poses(lens, mixed, points, uv, seen)
-    return refined, jnp.sum(cost)
+def _finite(x: object) -> np.ndarray:
+    return np.nan_to_num(np.asarray(x), nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def _relative_poses(poses: list[Pose], used: np.ndarray, a: int, b: int) -> Pose:
-    """T_b_a from all views both cameras used: mean rotation (chordal), median translation."""
-    both = np.flatnonzero(used[a] & used[b])
-    pick = lambda pose: jax.tree.map(lambda x: x[both], pose)  # noqa: E731
-    T = jax.vmap(lambda x, y: y.compose(x.inverse()))(pick(poses[a]), pick(poses[b]))
-    R = jax.vmap(rotation.exp)(T.rotvec)
-    mean = rotation.nearest_rotation(jnp.mean(R, axis=0))
-    return Pose(rotation.log(mean), jnp.median(T.translation, axis=0))
+def _relative_pose(T_a: np.ndarray, T_b: np.ndarray, both: np.ndarray) -> np.ndarray:
+    """T_b_a from the views both cameras used: mean rotation, median translation."""
+    T = T_b[both] @ np.linalg.inv(T_a[both])
+    out = np.eye(4)
+    out[:3, :3] = Rotation.from_matrix(T[:, :3, :3]).mean().as_matrix()
+    out[:3, 3] = np.median(T[:, :3, 3], axis=0)
+    return out
 
 
-def start_rig(views: TargetViews, image_sizes: list[tuple[int, int]], names: list[str]) -> tuple[ArrowVariables, np.ndarray]:
+def _as_pose(T: np.ndarray) -> Pose:
+    import jax.numpy as jnp
+
+    return Pose(jnp.asarray(Rotation.from_matrix(T[..., :3, :3]).as_rotvec()), jnp.asarray(T[..., :3, 3]))
+
+
+def start_rig(
+    views: TargetViews, image_sizes: list[tuple[int, int]], names: list[str]
+) -> tuple[ArrowVariables, np.ndarray]:
     """Start values of a rig: each camera alone, then chained through the views they share.
 
     Args:
         views: what all cameras saw.
         image_sizes: (width, height) of each camera [px].
         names: of the cameras, for messages.
-
     Returns:
         variables (rig and T_rig_target), and which views each camera used, (cameras, views).
-
     Raises:
         SolveError: a camera without a usable view, or groups of cameras that share no view.
     """
@@ -233,22 +172,21 @@ def start_rig(views: TargetViews, image_sizes: list[tuple[int, int]], names: lis
         used.append(use)
     used_by = np.stack(used)
     T_camera_rig = _chain(poses, used_by, names)
-    local = poses[0]
+    local = poses[0].copy()
     for k in range(1, len(poses)):
         # Views that the first camera missed take their pose from the one that saw them.
-        missing = jnp.asarray(~used_by[:k].any(axis=0) & used_by[k])[:, None]
-        back = T_camera_rig[k].inverse()
-        via = jax.vmap(back.compose)(poses[k])
-        local = jax.tree.map(lambda x, y, m=missing: jnp.where(m, y, x), local, via)
-    none = jnp.asarray(~used_by.any(axis=0))[:, None]
-    local = jax.tree.map(lambda x: jnp.where(none | ~jnp.isfinite(x), 1.0, x), local)
-    return ArrowVariables(RigParameters(tuple(lenses), tuple(T_camera_rig[1:])), local), used_by
+        missing = ~used_by[:k].any(axis=0) & used_by[k]
+        local[missing] = np.linalg.inv(T_camera_rig[k]) @ poses[k][missing]
+    seen_by_none = ~used_by.any(axis=0)
+    local[seen_by_none, :3, 3] = [0.0, 0.0, 1.0]  # in front, so that nothing divides by zero
+    rig = RigParameters(tuple(lenses), tuple(_as_pose(T) for T in T_camera_rig[1:]))
+    return ArrowVariables(rig, _as_pose(local)), used_by
 
 
-def _chain(poses: list[Pose], used: np.ndarray, names: list[str]) -> list[Pose]:
+def _chain(poses: list[np.ndarray], used: np.ndarray, names: list[str]) -> list[np.ndarray]:
     """T_camera_rig of every camera, each reached over the pair with the most common views."""
     count = len(poses)
-    found: dict[int, Pose] = {0: Pose.identity()}
+    found: dict[int, np.ndarray] = {0: np.eye(4)}
     while len(found) < count:
         pairs = [(int((used[a] & used[b]).sum()), a, b) for a in found for b in range(count) if b not in found]
         common, a, b = max(pairs, key=lambda pair: (pair[0], -pair[1], -pair[2]))
@@ -259,5 +197,5 @@ def _chain(poses: list[Pose], used: np.ndarray, names: list[str]) -> list[Pose]:
                 f"The cameras fall into groups that share no view: {joined} | {apart}. "
                 "Record the target where cameras of both groups see it at once."
             )
-        found[b] = _relative_poses(poses, used, a, b).compose(found[a])
+        found[b] = _relative_pose(poses[a], poses[b], used[a] & used[b]) @ found[a]
     return [found[k] for k in range(count)]

@@ -163,8 +163,7 @@ def _extrapolation(e: CameraEvidence) -> _Found:
             "warning",
             f"The outermost board corner lies {reached:.0f} px from the principal point, the image corner "
             f"{corner:.0f} px: errors of the k{len(free)} term grow {growth:.0f} times between the two.",
-            "Take photos with the board reaching into the corners of the image, or use fewer distortion "
-            "terms.",
+            "Take photos with the board reaching into the corners of the image, or use fewer distortion terms.",
         )
 
 
@@ -283,8 +282,7 @@ def _fold_back(e: CameraEvidence) -> _Found:
         "serious" if inside else "warning",
         f"The fitted lens folds back {e.valid_radius_px:.0f} px from the principal point, inside the image "
         "(corner "
-        f"at {corner:.0f} px)"
-        + (f" and inside the board corners (up to {reached:.0f} px)." if inside else "."),
+        f"at {corner:.0f} px)" + (f" and inside the board corners (up to {reached:.0f} px)." if inside else "."),
         "Calibrate with fewer distortion terms, or with photos that reach into the image corners.",
     )
 
@@ -328,8 +326,7 @@ def _duplicates(e: CameraEvidence) -> _Found:
             f"{len(e.views)} views are only {len(groups)} different ones, the sigmas are therefore too "
             "small. "
             f"(Nearly) the same: {listed}.",
-            f"Leave out the {extra} repeated photo{'s' if extra > 1 else ''}; take new ones with the board "
-            "elsewhere.",
+            f"Leave out the {extra} repeated photo{'s' if extra > 1 else ''}; take new ones with the board elsewhere.",
         )
 
 
@@ -368,20 +365,21 @@ def _square_size(e: CameraEvidence) -> _Found:
 def _lens_misfit(e: CameraEvidence) -> _Found:
     """Residuals that go together within a photo make the sigmas per photo larger than those per corner.
 
-    From 5 views on, chance alone spreads this ratio by 1 / sqrt(2 (5 - 1)) = 35 %: 2 is 3 sigma.
+    From 5 views on, chance alone spreads this ratio by 1 / sqrt(2 (5 - 1)) = 35 %: 2 is 3 sigma. The sigmas allow
+    for it; but n corners then count as n / ratio^2, and below 4 no homography is left of a photo.
     """
     ratio = {n: e.sigma[n] / p for n, p in e.sigma_plain.items() if p > 0 and n in e.sigma}
-    if len(e.views) < 5 or not ratio:
+    name = max(ratio, key=lambda n: ratio[n], default=None)
+    if len(e.views) < 5 or name is None or not ratio[name] > 2.0:
         return
-    name = max(ratio, key=lambda n: ratio[n])
-    if ratio[name] > 2.0:
-        yield Weakness(
-            "correlated-residuals",
-            "warning",
-            f"The residuals within a photo go together: sigma of {name} is {e.sigma[name]:.2g}, "
-            f"{ratio[name]:.1f} times what independent corner errors would give.",
-            "Check the flatness of the board and the residual arrows; try more distortion terms.",
-        )
+    worth = float(np.mean([len(v.uv) for v in e.views])) / ratio[name] ** 2
+    yield Weakness(
+        "correlated-residuals",
+        "warning" if worth < 4.0 else "note",
+        f"The residuals within a photo go together: sigma of {name} is {ratio[name]:.1f} times what independent "
+        f"errors would give; a photo counts like {worth:.0f} independent corners.",
+        "The sigmas allow for it. Check the flatness of the board and the residual arrows; try more lens terms.",
+    )
 
 
 def _length(value: float, e: CameraEvidence) -> str:

@@ -69,7 +69,7 @@ def intrinsics_from_conic(b: Float[Array, "6"]) -> tuple[Intrinsics, Flag]:
 def fit_intrinsics_linear(
     homographies: Float[Array, "views 3 3"],
     mask: Bool[Array, "views"],
-    image_size: tuple[int, int],
+    image_size: tuple[Float[Array, ""] | float, Float[Array, ""] | float],
     skew: bool = False,
 ) -> tuple[Intrinsics, Flag]:
     r"""Calibration matrix from the homographies of a plane.
@@ -88,7 +88,8 @@ def fit_intrinsics_linear(
     Source: optical tracking document, eq. 4.32-4.40; Zhang 2000, section 3.1.
     """
     width, height = image_size
-    N = jnp.array([[1.0 / width, 0, -0.5 * (width - 1) / width], [0, 1.0 / width, -0.5 * (height - 1) / width], [0, 0, 1]])
+    cx, cy = 0.5 * (width - 1) / width, 0.5 * (height - 1) / width
+    N = jnp.array([[1.0 / width, 0.0, -cx], [0.0, 1.0 / width, -cy], [0.0, 0.0, 1.0]])
 
     def rows(H: Matrix3) -> Float[Array, "2 6"]:
         G = N @ H
@@ -109,7 +110,9 @@ def fit_intrinsics_linear(
 
 
 def fit_focal_linear(
-    homographies: Float[Array, "views 3 3"], mask: Bool[Array, "views"], image_size: tuple[int, int]
+    homographies: Float[Array, "views 3 3"],
+    mask: Bool[Array, "views"],
+    image_size: tuple[Float[Array, ""] | float, Float[Array, ""] | float],
 ) -> tuple[Intrinsics, Flag]:
     """One focal length with the principal point in the image centre: what two nearly parallel views still give.
 
@@ -125,7 +128,7 @@ def fit_focal_linear(
     Source: optical tracking document, eq. 4.35-4.38 with the unknowns reduced.
     """
     width, height = image_size
-    centre = jnp.array([0.5 * (width - 1), 0.5 * (height - 1)])
+    centre = 0.5 * jnp.array([width - 1.0, height - 1.0])
 
     def rows(H: Matrix3) -> tuple[Array, Array]:
         G = jnp.concatenate([H[:2] - centre[:, None] * H[2:], H[2:]])

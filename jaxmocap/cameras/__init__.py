@@ -1,6 +1,7 @@
 """Differentiable camera models."""
 
 from jaxmocap.cameras.camera import Camera as Camera
+from jaxmocap.cameras.camera import pixel_of_point as pixel_of_point
 from jaxmocap.cameras.camera import project as project
 from jaxmocap.cameras.camera import project_from_camera as project_from_camera
 from jaxmocap.cameras.camera import ray_from_pixel as ray_from_pixel

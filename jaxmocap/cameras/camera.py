@@ -25,8 +25,8 @@ class Camera(eqx.Module):
     """(width, height) [px]."""
 
 
-def project_from_camera(intrinsics: Intrinsics, lens: BrownDistortion, p_camera: Vector3) -> tuple[Vector2, Flag]:
-    r"""Pixel of a point given in camera coordinates.
+def pixel_of_point(intrinsics: Intrinsics, lens: BrownDistortion, p_camera: Vector3) -> Vector2:
+    r"""Pixel of a point given in camera coordinates, without asking whether it can be seen.
 
     uv = K [d(x/z, y/z), 1].
 
@@ -34,19 +34,31 @@ def project_from_camera(intrinsics: Intrinsics, lens: BrownDistortion, p_camera:
         intrinsics: K [px].
         lens: distortion [1].
         p_camera: point, z forward [scene].
-
     Returns:
         uv [px]; finite and differentiable everywhere.
-        valid: False behind the camera or beyond the radius where the lens model can be inverted.
     Source: optical tracking document, eq. 4.10, 4.16-4.18; stop-motion document, eq. 4.8-4.9.
     """
     z = p_camera[2]
-    ahead = z > 0
     # A point behind is projected from the mirrored side: finite, and pointing a solver back to the front.
-    depth = jnp.where(ahead, z, jnp.where(z < 0, -z, 1.0))
-    xy = jnp.stack([p_camera[0] / depth, p_camera[1] / depth])
-    inside = xy[0] * xy[0] + xy[1] * xy[1] < lens.valid_radius_squared()
-    return intrinsics.pixel_from_normalised(lens.distort(xy)), ahead & inside
+    depth = jnp.where(z > 0, z, jnp.where(z < 0, -z, 1.0))
+    return intrinsics.pixel_from_normalised(lens.distort(jnp.stack([p_camera[0] / depth, p_camera[1] / depth])))
+
+
+def project_from_camera(intrinsics: Intrinsics, lens: BrownDistortion, p_camera: Vector3) -> tuple[Vector2, Flag]:
+    r"""Pixel of a point given in camera coordinates, and whether the camera can see it.
+
+    Args:
+        intrinsics: K [px].
+        lens: distortion [1].
+        p_camera: point, z forward [scene].
+    Returns:
+        uv [px]; finite and differentiable everywhere.
+        valid: False behind the camera or beyond the radius where the lens model can be inverted.
+    Source: as `pixel_of_point`.
+    """
+    x, y, z = p_camera[0], p_camera[1], p_camera[2]
+    inside = x * x + y * y < lens.valid_radius_squared() * z * z
+    return pixel_of_point(intrinsics, lens, p_camera), (z > 0) & inside
 
 
 def project(camera: Camera, p_world: Vector3) -> tuple[Vector2, Flag]:

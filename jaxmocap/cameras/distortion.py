@@ -12,8 +12,6 @@ from jaxtyping import Array, Float
 
 from jaxmocap._arrays import Flag, Scalar, Vector2
 
-_Curve = Callable[[Scalar], Scalar]
-
 
 class AbstractDistortion(eqx.Module):
     """A map from ideal to real normalised image coordinates. Subclasses are final."""
@@ -108,21 +106,24 @@ def _smallest_positive_root(a: Scalar, b: Scalar, c: Scalar) -> Scalar:
     low = jnp.where(dips, bottom, 0.0)
     high = jnp.where(turns & ~dips & (top > 0), top, bound)
     exists = dips | (c < 0)
-    w = _rising_root(lambda w: ((w + a) * w + b) * w + c, lambda w: (3.0 * w + 2.0 * a) * w + b, low, high, exists)
+    w = _rising_root(lambda w: ((w + a) * w + b) * w + c, low, high, exists)
     found = exists & (w > 0)
     return jnp.where(found, 1.0 / jnp.where(found, w, 1.0), jnp.inf)
 
 
-def _rising_root(p: _Curve, slope: _Curve, low: Scalar, high: Scalar, exists: Flag) -> Scalar:
-    """Root of a function that rises from low to high: Newton's method, halving the bracket where it would leave it."""
+def _rising_root(p: Callable[[Scalar], Scalar], low: Scalar, high: Scalar, exists: Flag) -> Scalar:
+    """Root of a function that rises from low to high: Newton's method, halving the bracket where it would leave it.
+
+    Returns:
+        The root; `high` where `exists` is False or the function stays below 0.
+    """
 
     def body(carry):
         low, high, w, _, k = carry
-        value = p(w)
+        value, slope = jax.jvp(p, (w,), (jnp.ones_like(w),))
         low, high = jnp.where(value <= 0, w, low), jnp.where(value <= 0, high, w)
-        steep = slope(w)
-        newton = w - value / jnp.where(steep > 0, steep, 1.0)
-        new = jnp.where((steep > 0) & (newton > low) & (newton < high), newton, 0.5 * (low + high))
+        newton = w - value / jnp.where(slope > 0, slope, 1.0)
+        new = jnp.where((slope > 0) & (newton > low) & (newton < high), newton, 0.5 * (low + high))
         new = jnp.where(value == 0, w, new)
         return low, high, new, jnp.abs(new - w), k + 1
 
@@ -134,6 +135,26 @@ def _rising_root(p: _Curve, slope: _Curve, low: Scalar, high: Scalar, exists: Fl
 
 
 _MAX_NEWTON = 30
+
+
+def _radial_start(lens: AbstractDistortion, xy: Vector2, limit: Scalar) -> Vector2:
+    """Point on the line through xy that the lens images at the radius of xy: the inverse of a purely radial lens.
+
+    Newton's method in the plane from xy itself runs in circles where the lens first stretches and then squeezes.
+    """
+    radius = jnp.sqrt(jnp.sum(xy * xy))
+    unit = xy / jnp.where(radius > 0, radius, 1.0)
+
+    def excess(r: Scalar) -> Scalar:
+        return jnp.sum(unit * lens.distort(r * unit)) - radius
+
+    def too_small(carry):
+        high, k = carry
+        return (k < 60) & (high < limit) & (excess(high) < 0)
+
+    high = jax.lax.while_loop(too_small, lambda carry: (2.0 * carry[0], carry[1] + 1), (radius, 0))[0]
+    root = _rising_root(excess, jnp.zeros_like(radius), jnp.minimum(high, limit), radius > 0)
+    return root * unit
 
 
 def _newton(lens: AbstractDistortion, xy: Vector2) -> Vector2:
@@ -159,7 +180,7 @@ def _newton(lens: AbstractDistortion, xy: Vector2) -> Vector2:
         m, change, k = carry
         return (k < _MAX_NEWTON) & (change > 1e-15 * (1.0 + jnp.max(jnp.abs(m))))
 
-    start = inside(xy)
+    start = inside(_radial_start(lens, xy, limit))
     return jax.lax.while_loop(going, body, (start, jnp.full((), jnp.inf, xy.dtype), 0))[0]
 
 

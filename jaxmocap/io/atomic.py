@@ -86,9 +86,7 @@ def _refuse_same_file(paths: list[Path]) -> None:
     for path in paths:
         real = _real(path)
         if real in seen and not _is_stream(path):
-            raise InputError(
-                f"{path}: would be written twice (also as {seen[real]}). Give each output its own name."
-            )
+            raise InputError(f"{path}: would be written twice (also as {seen[real]}). Give each output its own name.")
         seen[real] = path
 
 
@@ -189,9 +187,5 @@ def _sentence(path: Path, error: OSError | ValueError) -> InputError:
         errno.EFBIG: "the file is larger than the system allows. Choose another folder or raise the limit",
         errno.ENAMETOOLONG: "the name is too long. Choose a shorter one",
     }
-    reason = (
-        reasons.get(code, f"{error}. Choose another name or folder")
-        if code
-        else f"{error}. Choose another name"
-    )
+    reason = reasons.get(code, f"{error}. Choose another name or folder") if code else f"{error}. Choose another name"
     return InputError(f"{path}: cannot be written: {reason}. What was there before is untouched.")

@@ -47,9 +47,7 @@ def numbers(where: str, value: object, depth: int = 2) -> np.ndarray:
     if isinstance(value, list):
         parts = [numbers(where, entry, depth - 1) for entry in value] if depth and len(value) <= 100 else None
         if parts is None or len({part.shape for part in parts}) > 1:
-            raise InputError(
-                f"{where}: expected numbers, or rows of equally many numbers, got {_short(value)}."
-            )
+            raise InputError(f"{where}: expected numbers, or rows of equally many numbers, got {_short(value)}.")
         return np.stack(parts) if parts else np.zeros(0)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}: expected numbers, got {_short(value)}. Is the camera calibrated?")
@@ -114,9 +112,7 @@ def rotvec_from_numbers(where: str, value: object, say: Callable[[str], None]) -
         return _rotvec_from_matrix(where, R, say)
     if R.size != 3:
         hint = " A quaternion must be converted first." if R.size == 4 else ""
-        raise InputError(
-            f"{where}: expected a rotation vector of 3 numbers or a 3x3 matrix, got {R.shape}.{hint}"
-        )
+        raise InputError(f"{where}: expected a rotation vector of 3 numbers or a 3x3 matrix, got {R.shape}.{hint}")
     angle = math.hypot(*R.ravel())
     if angle > 2 * math.pi:
         say(

@@ -103,9 +103,7 @@ def read_table(path: str | Path, required: tuple[str, ...], optional: tuple[str,
     header, rows, lines = _split(path, text)
     warnings = _check_header(path, header, required, optional)
     if not rows:
-        raise InputError(
-            f"{path}: the table has a header but no rows. Check that the program that wrote it finished."
-        )
+        raise InputError(f"{path}: the table has a header but no rows. Check that the program that wrote it finished.")
     columns = zip(*rows)
     cells = {name: list(column) for name, column in zip(header, columns) if name in required + optional}
     return Table(path, cells, lines, tuple(warnings))
@@ -131,9 +129,7 @@ def _split(path: str | Path, text: str) -> tuple[list[str], list[list[str]], lis
                 rows.append(cells)
                 lines.append(reader.line_num)
     except csv.Error as error:
-        raise InputError(
-            f"{path}, line {reader.line_num}: not valid CSV ({error}). Check the quotes there."
-        ) from None
+        raise InputError(f"{path}, line {reader.line_num}: not valid CSV ({error}). Check the quotes there.") from None
     return header, rows, lines
 
 
@@ -147,8 +143,7 @@ def _check_separator(path: str | Path, line: int, header: list[str]) -> None:
             )
     if any(NUMBER.fullmatch(cell) for cell in header):
         raise InputError(
-            f"{path}, line {line}: the first row holds numbers, so the header is missing. "
-            "Name the columns there."
+            f"{path}, line {line}: the first row holds numbers, so the header is missing. Name the columns there."
         )
 
 
@@ -170,20 +165,14 @@ def _check_header(
         expected = ",".join(required) + "".join(f"[,{name}]" for name in optional)
         found = ",".join(header)[:200]
         raise InputError(
-            f"{path}: column {', '.join(missing)} missing. Expected the header {expected}; found {found}."
+            f"{path}: missing columns: {', '.join(missing)}. Expected the header {expected}; found {found}."
         )
-    return (
-        [f"{path}: columns that mean nothing here are left out: {', '.join(map(repr, others))}."]
-        if others
-        else []
-    )
+    return [f"{path}: columns that mean nothing here are left out: {', '.join(map(repr, others))}."] if others else []
 
 
 def _ragged(path: str | Path, line: int, got: int, expected: int) -> str:
     cause = (
-        "Are there decimal commas, or a comma in a name without quotes?"
-        if got > expected
-        else "Is the row cut off?"
+        "Are there decimal commas, or a comma in a name without quotes?" if got > expected else "Is the row cut off?"
     )
     return f"{path}, line {line}: expected {expected} cells as in the header, got {got}. {cause}"
 

@@ -50,16 +50,12 @@ def _plain(value: Any, where: str) -> Any:
         return str(value)
     if hasattr(value, "__array__"):  # numpy and JAX
         return _from_array(np.asarray(value), where)
-    raise InputError(
-        f"{where}: {type(value).__name__} has no place in JSON. Convert it to numbers or text first."
-    )
+    raise InputError(f"{where}: {type(value).__name__} has no place in JSON. Convert it to numbers or text first.")
 
 
 def _from_array(array: np.ndarray, where: str) -> Any:
     if array.dtype.kind not in "biufU":
-        raise InputError(
-            f"{where}: an array of {array.dtype} has no place in JSON. Convert it to numbers first."
-        )
+        raise InputError(f"{where}: an array of {array.dtype} has no place in JSON. Convert it to numbers first.")
     return _plain(array.tolist(), where)
 
 

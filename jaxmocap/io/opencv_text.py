@@ -63,9 +63,7 @@ class Entry:
         parts = _matrix_parts(self.lines)
         for key in _MATRIX_KEYS:
             if key not in parts:
-                raise InputError(
-                    f"{self.where}: expected a matrix of rows, cols and data; `{key}` is missing."
-                )
+                raise InputError(f"{self.where}: expected a matrix of rows, cols and data; `{key}` is missing.")
         rows, cols = (_number(f"{self.where} {key}", parts[key].strip()) for key in ("rows", "cols"))
         data = _data(f"{self.where} data", parts["data"].strip())
         if rows < 1 or cols < 1 or rows * cols != len(data) or cols != int(cols):
@@ -89,9 +87,7 @@ def read_entries(path: str | Path) -> dict[str, Entry]:
     text = read_text(path, _MAX_BYTES)
     start = text.lstrip()[:1]
     if start in ("<", "{"):
-        raise InputError(
-            f"{path}: this is {'XML' if start == '<' else 'JSON'}. Save the calibration as .yml."
-        )
+        raise InputError(f"{path}: this is {'XML' if start == '<' else 'JSON'}. Save the calibration as .yml.")
     entries: dict[str, Entry] = {}
     lines: list[str] | None = None
     for number, line in enumerate(_LINE_END.split(text), start=1):
@@ -103,9 +99,7 @@ def read_entries(path: str | Path) -> dict[str, Entry]:
                 raise InputError(f"{path}, line {number}: the key `{key}` stands there twice. Keep one.")
             entries[key] = Entry(f"{path}, line {number}, {key}", lines)
         elif lines is None:
-            raise InputError(
-                f"{path}, line {number}: text before the first key. Is this an OpenCV YAML file?"
-            )
+            raise InputError(f"{path}, line {number}: text before the first key. Is this an OpenCV YAML file?")
         else:
             lines.append(line)
     return entries
@@ -121,9 +115,7 @@ def matrix_text(key: str, rows: list[list[float]]) -> str:
 def _open_entry(path: str | Path, number: int, line: str) -> tuple[str, list[str]]:
     key, colon, value = line.partition(":")
     if not colon or not key.strip() or (value and value[0] not in " \t"):
-        raise InputError(
-            f"{path}, line {number}: expected `key: value`, got {line[:40]!r}. Is this OpenCV YAML?"
-        )
+        raise InputError(f"{path}, line {number}: expected `key: value`, got {line[:40]!r}. Is this OpenCV YAML?")
     return key.strip().strip("\"'"), [value]
 
 
@@ -156,7 +148,5 @@ def _number(where: str, text: str) -> float:
     if text.lower() in _WORDS:
         return _WORDS[text.lower()]  # refused by whoever uses it, with a better reason
     if not NUMBER.fullmatch(text):
-        raise InputError(
-            f"{where}: expected a number, got {text[:40]!r}. The file is damaged; write it again."
-        )
+        raise InputError(f"{where}: expected a number, got {text[:40]!r}. The file is damaged; write it again.")
     return float(text)

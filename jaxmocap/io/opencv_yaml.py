@@ -105,9 +105,7 @@ def opencv_yaml_text(cameras: NamedCamera | Iterable[NamedCamera]) -> tuple[str,
     named = [cameras] if isinstance(cameras, NamedCamera) else list(cameras)
     check_names([camera.name for camera in named])
     if len(named) > 2:
-        raise InputError(
-            f"cameras: an OpenCV file holds one or two, got {len(named)}. Write one file for each."
-        )
+        raise InputError(f"cameras: an OpenCV file holds one or two, got {len(named)}. Write one file for each.")
     body = _one_text(named[0]) if len(named) == 1 else _pair_text(*named)
     skews = {camera.name: float(camera.camera.intrinsics.skew) for camera in named}
     said = [
@@ -136,9 +134,7 @@ class _File:
 
     def find(self, names: tuple[str, ...], n: str = "") -> Entry | None:
         """The entry under one of several names, or None."""
-        return next(
-            (self.entries[name.format(n=n)] for name in names if name.format(n=n) in self.entries), None
-        )
+        return next((self.entries[name.format(n=n)] for name in names if name.format(n=n) in self.entries), None)
 
     def need(self, names: tuple[str, ...], n: str, what: str) -> Entry:
         """The entry under one of several names.
@@ -149,9 +145,7 @@ class _File:
         entry = self.find(names, n)
         if entry is None:
             found = ", ".join(self.entries)[:200] or "nothing"
-            raise InputError(
-                f"{self.path}: {what} is missing (found: {found}). Is this a calibration of OpenCV?"
-            )
+            raise InputError(f"{self.path}: {what} is missing (found: {found}). Is this a calibration of OpenCV?")
         return entry
 
 

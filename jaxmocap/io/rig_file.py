@@ -17,6 +17,9 @@ from jaxmocap.io.camera_numbers import NamedCamera, check_names, plain_camera
 SCHEMA = 1
 """Grows when the meaning of a key changes, so that an older jaxmocap refuses a file it would misread."""
 
+# The parser that aniposelib and Pose2Sim use (toml 0.10) misreads these within the name of a table.
+_UNSAFE = re.compile(r'["\\\x00-\x1f\x7f]')
+
 UPS = ("", "x", "-x", "y", "-y", "z", "-z")
 """World axis that points up; empty when nobody has said."""
 
@@ -82,13 +85,11 @@ def rig_text(rig: RigFile) -> tuple[str, list[str]]:
     check_names(names)
     plain = {named.name: plain_camera(named) for named in rig.cameras}
     said: list[str] = []
-    metadata = _metadata(rig, _skews(plain, said), _finite_sigmas(rig, said))
+    tables = dict(zip(names, table_names(names)))
+    metadata = _metadata(rig, _skews(plain, said), _finite_sigmas(rig, tables, said))
     try:
-        tables = [
-            _camera_text(table, named, plain[named.name])
-            for table, named in zip(table_names(names), rig.cameras)
-        ]
-        return "\n".join([*tables, tomli_w.dumps({"metadata": metadata})]), said
+        texts = [_camera_text(tables[named.name], named, plain[named.name]) for named in rig.cameras]
+        return "\n".join([*texts, tomli_w.dumps({"metadata": metadata})]), said
     except (TypeError, ValueError, RecursionError) as error:
         raise InputError(f"rig: settings or foreign keys hold what TOML cannot store ({error}).") from error
 
@@ -98,7 +99,7 @@ def _camera_text(table: str, named: NamedCamera, plain: Mapping[str, Any]) -> st
     header = tomli_w.dumps({table: {}})
     arrays = "".join(f"{key} = {value}\n" for key, value in plain.items())  # Python's lists are TOML's
     foreign = tomli_w.dumps({table: named.foreign}).removeprefix(header) if named.foreign else ""
-    # fisheye = false is what Pose2Sim writes, and what keeps aniposelib from asking.
+    # fisheye = false stands there because Pose2Sim writes it; aniposelib and caliscope look for it.
     return header + tomli_w.dumps({"name": named.name}) + arrays + "fisheye = false\n" + foreign
 
 
@@ -106,19 +107,17 @@ def table_names(names: list[str]) -> list[str]:
     """TOML tables of cameras: cam_<name>, where a leading "cam" or "cam_" is not doubled.
 
     Numbers are padded to one width, because aniposelib sorts tables as text: cam_10 would come before cam_2.
-    Where two cameras would meet in one table ("cam1" and "01"), all keep their full names.
+    Where two cameras would meet in one table ("cam1" and "01"), all are numbered in their order.
     """
     matches = [re.fullmatch(r"(?:cam_?)?([0-9]+)", name) for name in names]
     width = max((len(m[1]) for m in matches if m), default=0)
-    short = [
-        f"cam_{m[1].zfill(width)}"
-        if m
-        else name
-        if re.fullmatch("cam_.+", name, re.DOTALL)
-        else f"cam_{name}"
+    tables = [
+        f"cam_{m[1].zfill(width)}" if m else "cam_" + _UNSAFE.sub("_", name.removeprefix("cam_"))
         for name, m in zip(names, matches)
     ]
-    return short if len(set(short)) == len(short) else [f"cam_{name}" for name in names]
+    if len(set(tables)) == len(tables):
+        return tables
+    return [f"cam_{i:0{len(str(len(names)))}}" for i in range(1, len(names) + 1)]
 
 
 def _metadata(rig: RigFile, skews: dict[str, float], sigmas: dict[str, dict[str, float]]) -> dict[str, Any]:
@@ -127,9 +126,7 @@ def _metadata(rig: RigFile, skews: dict[str, float], sigmas: dict[str, dict[str,
     if not rig.unit:
         raise InputError('unit: expected a unit such as "mm", or "1" for none, got an empty text.')
     if rig.error is not None and not (math.isfinite(rig.error) and rig.error >= 0):
-        raise InputError(
-            f"error: expected an RMS in pixels, got {rig.error}. A failed solve must not be written."
-        )
+        raise InputError(f"error: expected an RMS in pixels, got {rig.error}. A failed solve must not be written.")
     optional = {
         "error": None if rig.error is None else float(rig.error),
         "seed": None if rig.seed is None else int(rig.seed),
@@ -162,18 +159,24 @@ def _skews(plain: Mapping[str, Mapping[str, Any]], said: list[str]) -> dict[str,
     skews = {name: skew for name, skew in skews.items() if skew != 0}
     for name, skew in skews.items():
         said.append(
-            f"Camera {name!r} has a skew of {skew:.4g} px. Programs built on OpenCV (aniposelib, Pose2Sim, "
-            "caliscope) ignore it; calibrate without skew if the rig is for them."
+            f"Camera {name!r} has a skew of {skew:.4g} px. Programs built on OpenCV (aniposelib, Pose2Sim, caliscope) "
+            "ignore it; calibrate without skew if the rig is for them."
         )
     return skews
 
 
-def _finite_sigmas(rig: RigFile, said: list[str]) -> dict[str, dict[str, float]]:
-    """Sigmas that are numbers; one that is not belongs to a parameter that the data do not determine."""
+def _finite_sigmas(rig: RigFile, tables: Mapping[str, str], said: list[str]) -> dict[str, dict[str, float]]:
+    """Sigmas that are numbers; one that is not belongs to a parameter that the data do not determine.
+
+    They go by the name of the camera, or by its table where the name would break a table of its own.
+    """
     kept: dict[str, dict[str, float]] = {}
     for camera, sigmas in rig.sigmas.items():
+        if camera not in tables:
+            raise InputError(f"sigmas: no camera is called {camera!r}; there are {', '.join(map(repr, tables))}.")
         finite = {name: float(sigma) for name, sigma in sigmas.items() if math.isfinite(sigma)}
-        kept.update({camera: finite} if finite else {})
+        if finite:
+            kept[tables[camera] if _UNSAFE.search(camera) else camera] = finite
         lost = [name for name in sigmas if name not in finite]
         if lost:
             said.append(f"Camera {camera!r}: no finite sigma of {', '.join(lost)}; left out of the rig file.")

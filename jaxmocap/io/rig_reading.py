@@ -56,15 +56,16 @@ def read_rig(path: str | Path) -> RigFile:
     _check_metadata(path, metadata)
     found = list(_camera_tables(document, ()))
     if not found:
-        names = ", ".join(f"[{key}]" for key in list(document)[:8]) or "none"
-        raise InputError(f"{path}: no table holds a camera `matrix` (tables: {names}). Is this a rig file?")
+        names = ", ".join(list(document)[:8])[:200] or "nothing"
+        raise InputError(f"{path}: no table holds a camera `matrix` (found: {names}). Is this a rig file?")
     cameras = tuple(_camera(path, keys, table, alone=len(found) == 1) for keys, table in found)
     try:
         check_names([named.name for named in cameras])
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
     tables = _without(document, [keys for keys, _ in found])
-    return _rig(path, cameras, metadata, tables)
+    names = {keys[-1]: named.name for (keys, _), named in zip(found, cameras)} | {c.name: c.name for c in cameras}
+    return _rig(path, cameras, names, metadata, tables)
 
 
 def _parse(path: str | Path) -> dict[str, Any]:
@@ -79,14 +80,10 @@ def _parse(path: str | Path) -> dict[str, Any]:
             if "overwrite" in str(error) or "twice" in str(error)
             else ""
         )
-        raise InputError(
-            f"{path}: not valid TOML: {error}.{hint} Rig files are TOML; is it another format?"
-        ) from None
+        raise InputError(f"{path}: not valid TOML: {error}.{hint} Rig files are TOML; is it another format?") from None
 
 
-def _camera_tables(
-    table: dict[str, Any], keys: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
+def _camera_tables(table: dict[str, Any], keys: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], dict[str, Any]]]:
     """Tables holding `matrix`, at the top or one below, in the order of the file."""
     for key, value in table.items():
         if not isinstance(value, dict):
@@ -118,9 +115,7 @@ def _camera(path: str | Path, keys: tuple[str, ...], table: dict[str, Any], alon
     _refuse_fisheye(where, table)
     warnings: list[str] = []
     size = size_from_numbers(f"{where} size", _required(where, table, "size", "Add size = [width, height]."))
-    intrinsics = intrinsics_from_matrix(
-        f"{where} matrix", _required(where, table, "matrix", "Calibrate it first.")
-    )
+    intrinsics = intrinsics_from_matrix(f"{where} matrix", _required(where, table, "matrix", "Calibrate it first."))
     ideal = "For an ideal lens add distortions = [0, 0, 0, 0, 0]."
     k = _required(where, table, "distortions", ideal)
     lens = lens_from_numbers(f"{where} distortions", k, warnings.append)
@@ -133,9 +128,7 @@ def _required(where: str, table: dict[str, Any], key: str, advice: str) -> Any:
     if key in table:
         return table[key]
     close = nearest(key, [k for k in table if k not in _CAMERA_KEYS])
-    raise InputError(
-        f"{where}: `{key}` is missing. " + (f"Is `{close}` a misspelling of it?" if close else advice)
-    )
+    raise InputError(f"{where}: `{key}` is missing. " + (f"Is `{close}` a misspelling of it?" if close else advice))
 
 
 def _refuse_fisheye(where: str, table: dict[str, Any]) -> None:
@@ -149,22 +142,14 @@ def _refuse_fisheye(where: str, table: dict[str, Any]) -> None:
         )
 
 
-def _pose(
-    where: str, table: dict[str, Any], alone: bool, warnings: list[str]
-) -> tuple[np.ndarray, np.ndarray]:
+def _pose(where: str, table: dict[str, Any], alone: bool, warnings: list[str]) -> tuple[np.ndarray, np.ndarray]:
     """Rotation vector and translation; a single camera may lack both."""
     if alone and "rotation" not in table and "translation" not in table:
-        warnings.append(
-            f"{where}: no rotation and translation; the camera's own frame is taken as the world."
-        )
+        warnings.append(f"{where}: no rotation and translation; the camera's own frame is taken as the world.")
         return np.zeros(3), np.zeros(3)
     advice = "Where the camera stands is not known: calibrate the rig, or take the camera out of the file."
-    rotvec = rotvec_from_numbers(
-        f"{where} rotation", _required(where, table, "rotation", advice), warnings.append
-    )
-    return rotvec, translation_from_numbers(
-        f"{where} translation", _required(where, table, "translation", advice)
-    )
+    rotvec = rotvec_from_numbers(f"{where} rotation", _required(where, table, "rotation", advice), warnings.append)
+    return rotvec, translation_from_numbers(f"{where} translation", _required(where, table, "translation", advice))
 
 
 def _check_metadata(path: str | Path, metadata: dict[str, Any]) -> None:
@@ -182,7 +167,11 @@ def _check_metadata(path: str | Path, metadata: dict[str, Any]) -> None:
 
 
 def _rig(
-    path: str | Path, cameras: tuple[NamedCamera, ...], metadata: dict[str, Any], tables: dict[str, Any]
+    path: str | Path,
+    cameras: tuple[NamedCamera, ...],
+    names: dict[str, str],
+    metadata: dict[str, Any],
+    tables: dict[str, Any],
 ) -> RigFile:
     warnings = [sentence for named in cameras for sentence in named.warnings]
     foreign_keys = dict.fromkeys(key for named in cameras for key in named.foreign)
@@ -190,15 +179,12 @@ def _rig(
         warnings.append(f"{path}, cameras: keys of another program are kept: {', '.join(foreign_keys)}.")
     foreign_metadata = {key: value for key, value in metadata.items() if key not in _METADATA_KEYS}
     if foreign_metadata:
-        warnings.append(
-            f"{path}, [metadata]: keys of another program are kept: {', '.join(foreign_metadata)}."
-        )
+        warnings.append(f"{path}, [metadata]: keys of another program are kept: {', '.join(foreign_metadata)}.")
     if tables:
         warnings.append(f"{path}: tables and keys that are no cameras are kept: {', '.join(tables)}.")
     if "unit" not in metadata:
-        warnings.append(
-            f'{path}: the unit of lengths is not given; add unit = "m" (or another) under [metadata].'
-        )
+        warnings.append(f'{path}: the unit of lengths is not given; add unit = "m" (or another) under [metadata].')
+    sigmas = _sigmas(path, metadata, names, warnings)
     up = _value(path, metadata, "up", str, "")
     if up not in UPS:
         raise InputError(f"{path}, [metadata] up: expected one of {', '.join(map(repr, UPS))}, got {up!r}.")
@@ -208,7 +194,7 @@ def _rig(
         unit=_value(path, metadata, "unit", str, "1") or "1",
         up=up,
         error=None if error is None else _positive(f"{path}, [metadata] error", error),
-        sigmas=_sigmas(path, metadata),
+        sigmas=sigmas,
         inputs=_inputs(path, metadata),
         seed=_value(path, metadata, "seed", int, None),
         settings=_value(path, metadata, "settings", dict, {}),
@@ -235,16 +221,20 @@ def _positive(where: str, value: Any) -> float:
     return float(value)
 
 
-def _sigmas(path: str | Path, metadata: dict[str, Any]) -> dict[str, dict[str, float]]:
-    sigmas = _value(path, metadata, "sigmas", dict, {})
-    where = f"{path}, [metadata.sigmas"
-    for camera, values in sigmas.items():
+def _sigmas(
+    path: str | Path, metadata: dict[str, Any], names: dict[str, str], warnings: list[str]
+) -> dict[str, dict[str, float]]:
+    """Sigmas by camera name; the file may also call a camera by its table."""
+    sigmas: dict[str, dict[str, float]] = {}
+    for key, values in _value(path, metadata, "sigmas", dict, {}).items():
+        where = f"{path}, [metadata.sigmas"
         if not isinstance(values, dict):
-            raise InputError(f"{where}] {camera}: expected a table, got {type(values).__name__}.")
-    return {
-        camera: {name: _positive(f"{where}.{camera}] {name}", sigma) for name, sigma in values.items()}
-        for camera, values in sigmas.items()
-    }
+            raise InputError(f"{where}] {key}: expected a table, got {type(values).__name__}.")
+        if key in names:
+            sigmas[names[key]] = {name: _positive(f"{where}.{key}] {name}", sigma) for name, sigma in values.items()}
+        else:
+            warnings.append(f"{where}.{key}]: no camera is called so; left out.")
+    return sigmas
 
 
 def _inputs(path: str | Path, metadata: dict[str, Any]) -> dict[str, str]:

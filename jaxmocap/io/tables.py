@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from jaxmocap._errors import InputError
 from jaxmocap.io.atomic import write_text
 from jaxmocap.io.csv_text import Table, read_table
+
+Column = Sequence[Any] | np.ndarray | jax.Array
+"""One value per row."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,7 @@ def read_observations(path: str | Path) -> Observations:
     )
 
 
-def write_table(path: str | Path, columns: Mapping[str, Sequence[Any] | np.ndarray]) -> None:
+def write_table(path: str | Path, columns: Mapping[str, Column]) -> None:
     """Write a CSV table, whole or not at all.
 
     Args:
@@ -127,7 +131,7 @@ def write_table(path: str | Path, columns: Mapping[str, Sequence[Any] | np.ndarr
     write_text(path, table_text(columns))
 
 
-def table_text(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> str:
+def table_text(columns: Mapping[str, Column]) -> str:
     """The text that `write_table` writes.
 
     Raises:
@@ -146,7 +150,7 @@ def table_text(columns: Mapping[str, Sequence[Any] | np.ndarray]) -> str:
     return text.getvalue()
 
 
-def _column(name: str, values: Sequence[Any] | np.ndarray) -> list[str]:
+def _column(name: str, values: Column) -> list[str]:
     array = np.asarray(values) if hasattr(values, "__array__") else None
     if array is not None and array.ndim != 1:
         raise InputError(f"column {name!r}: expected one value per row, got shape {array.shape}.")

@@ -7,6 +7,7 @@ accepted point) and re-damps and solves in `step` (once per trial), as optimisti
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -25,6 +26,7 @@ GOING, CONVERGED, STALLED, NOT_FINITE = 0, 1, 2, 3
 _FIRST_DAMPING = 1e-4  # Marquardt 1963 starts at 1e-2; start values here come from a linear solution
 _LARGEST_DAMPING = 1e16
 _ACCEPT_RATIO = 1e-4  # More 1978, the MINPACK value
+_STILL_SETTLED = 1e-9  # where no step helps any more: a decrease below this fraction is lost in rounding residuals
 
 
 class ArrowInfo(optx.FunctionInfo):
@@ -97,8 +99,8 @@ def _finite(y: Flat) -> Bool[Array, ""]:
 class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     r"""Levenberg-Marquardt on blocks.
 
-    Settles when the decrease still predicted is below `rtol` of the cost or below `atol` (the cost is in units of
-    sigma^2, so 1e-20 is a step of 1e-10 sigma). A trial whose predicted decrease is lost in the rounding of the
+    Settles when the decrease still predicted along the step, were it not damped, is below `rtol` of the cost or below
+    `atol` (the cost is in units of sigma^2, so 1e-20 is a step of 1e-10 sigma). A trial whose predicted decrease is lost in the rounding of the
     cost counts as settled, not as a rejection.
 
     Source: optical tracking document, algorithm 3; More 1978; Nielsen 1999 (damping schedule).
@@ -121,8 +123,9 @@ class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         """State before the first linearisation."""
         del fn, options, f_struct, aux_struct, tags
         base, data = args
-        struct = jax.eval_shape(lambda: linearise(self.problem, self.layout, y, base, data))
-        info = ArrowInfo(struct, jax.ShapeDtypeStruct((), y.shared.dtype))  # type: ignore[arg-type]
+        info = jax.eval_shape(
+            lambda: ArrowInfo(linearise(self.problem, self.layout, y, base, data), jnp.zeros((), y.shared.dtype))
+        )
         nan = jnp.full((self.history,), jnp.nan, y.shared.dtype)
         return SolverState(
             descent=self.descent.init(y, info),
@@ -154,7 +157,10 @@ class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         delta, _ = self.descent.step(1.0 / state.damping, descent)
         g = Flat(descent.normal.g_s, descent.normal.g_l)
         scaled = Flat(descent.D.shared * delta.shared, descent.D.local * delta.local)
-        predicted = 0.5 * (state.damping * _dot(delta, scaled) - _dot(g, delta))
+        slope, curved = _dot(g, delta), -_dot(g, delta) - state.damping * _dot(delta, scaled)
+        predicted = 0.5 * (state.damping * _dot(delta, scaled) - slope)
+        # Decrease along the step if it were not damped: a step that is short because it is damped settles nothing.
+        below = lambda limit: 0.5 * slope * slope <= limit * jnp.maximum(curved, 0.0)  # noqa: E731
         y_trial = Flat(y.shared + delta.shared, y.local + delta.local)
         cost_trial = self._cost(y_trial, args)
         usable = _finite(delta) & jnp.isfinite(cost_trial)
@@ -164,22 +170,26 @@ class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         better = usable & (gain > _ACCEPT_RATIO * predicted)
         same = usable & lost & (cost_trial <= state.cost * (1.0 + 1e-13))
         accept = (better | same) & (state.status == GOING)
-        settled = usable & (predicted <= self.rtol * state.cost + self.atol)
-        settled = settled | (usable & lost & ~accept)
+        settled = usable & below(self.rtol * state.cost + self.atol)
+        settled = settled | (usable & lost & ~accept & below(1e-13 * state.cost))
 
         ratio = jnp.clip(gain / jnp.where(predicted > 0, predicted, 1.0), 0.0, 1.0)
         shrink = jnp.maximum(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)
         damping = jnp.where(accept, state.damping * shrink, state.damping * state.growth)
         growth = jnp.where(accept, 2.0, state.growth * 2.0)
-        status = jnp.where(settled, CONVERGED, jnp.where(damping > _LARGEST_DAMPING, STALLED, GOING))
+        exhausted = damping > _LARGEST_DAMPING
+        settled = settled | (exhausted & below(_STILL_SETTLED * state.cost + self.atol))
+        status = jnp.where(settled, CONVERGED, jnp.where(exhausted, STALLED, GOING))
         status = jnp.where(jnp.isfinite(state.cost), status, NOT_FINITE)
         status = jnp.where(state.status == GOING, status, state.status)
         new_cost = jnp.where(accept, cost_trial, state.cost)
+        going = state.status == GOING  # else this step was only taken to linearise at the solution
         if self.progress is not None:
-            jax.debug.callback(self.progress, state.steps, new_cost, state.damping)
+            tell = partial(jax.debug.callback, self.progress)
+            jax.lax.cond(going, tell, lambda *_: None, state.steps, new_cost, state.damping)
+        at = jnp.where(going, state.steps, self.history)
         keep = lambda a, b: jnp.where(accept, a, b)  # noqa: E731
         new_y = Flat(keep(y_trial.shared, y.shared), keep(y_trial.local, y.local))
-        going = state.status == GOING
         new_state = SolverState(
             descent=descent,
             cost=new_cost,
@@ -189,15 +199,15 @@ class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             status=status,
             steps=state.steps + jnp.where(going, 1, 0),
             linearisations=state.linearisations + jnp.where(state.stale, 1, 0),
-            cost_history=state.cost_history.at[state.steps].set(new_cost, mode="drop"),
-            damping_history=state.damping_history.at[state.steps].set(state.damping, mode="drop"),
+            cost_history=state.cost_history.at[at].set(new_cost, mode="drop"),
+            damping_history=state.damping_history.at[at].set(state.damping, mode="drop"),
         )
         return new_y, new_state, None
 
     def terminate(self, fn, y, args, options, state: SolverState, tags):
-        """Settled (and, if asked for, linearised there), stalled, or not finite."""
+        """Settled (and, if asked for, linearised there), stalled, not finite, or out of steps."""
         del fn, y, args, options, tags
-        done = state.status != GOING
+        done = (state.status != GOING) | (state.steps >= self.history)
         if self.linearise_last:
             done = done & ~(state.stale & (state.status == CONVERGED))
         return done, optx.RESULTS.successful

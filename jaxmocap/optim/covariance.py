@@ -72,20 +72,22 @@ class ArrowCovariance(eqx.Module):
         return self.inflation * self.variance * (half.T @ half) + T @ self.shared() @ T.T
 
 
-def _unit(normal: NormalEquations) -> tuple[Array, Array, Array, Array]:
-    """S^-1, L, T and whether the matrix is regular."""
+def _unit(normal: NormalEquations, idle: Bool[Array, "blocks"]) -> tuple[Array, Array, Array, Array]:
+    """S^-1, L, T and whether the matrix is regular; blocks that do not count (`idle`) may be singular."""
     diagonal = jnp.moveaxis(jnp.diagonal(normal.ll), -1, 0)
     factors, taken, _ = eliminate(normal, jnp.where(diagonal > 0, 0.0, 1.0))
     T = backward_blocks(factors.L, factors.W)
     ns = normal.ss.shape[0]
+    pivots = jnp.moveaxis(jnp.diagonal(factors.L), -1, 0) ** 2
+    regular_l = jnp.all((pivots > _SINGULAR * diagonal) & (diagonal > 0) | idle[None, :])
     if not ns:
-        return normal.ss, factors.L, T, jnp.all(jnp.isfinite(factors.L))
+        return normal.ss, factors.L, T, regular_l
     d = jnp.diagonal(normal.ss)
     scale = 1.0 / jnp.sqrt(jnp.where(d > 0, d, 1.0))
     reduced = (normal.ss - taken) * scale[:, None] * scale[None, :]
     finite = jnp.all(jnp.isfinite(reduced))
     values, vectors = jnp.linalg.eigh(jnp.where(finite, reduced, jnp.eye(ns, dtype=reduced.dtype)))
-    regular = finite & (values[0] > _SINGULAR) & jnp.all(d > 0)
+    regular = regular_l & finite & (values[0] > _SINGULAR) & jnp.all(d > 0)
     inverse = (vectors / jnp.where(values > _SINGULAR, values, jnp.inf)[None, :]) @ vectors.T
     return inverse * scale[:, None] * scale[None, :], factors.L, T, regular
 
@@ -159,7 +161,7 @@ def arrow_covariance(
         ArrowCovariance.
     Source: Triggs et al., Bundle Adjustment, 2000, section 6; module docstring for the stated one.
     """
-    unit, L, T, regular = _unit(normal)
+    unit, L, T, regular = _unit(normal, data.weight == 0)
     loo, effect = None, jnp.ones((), y.shared.dtype)
     ns = layout.shared_size
     if by_block and ns:

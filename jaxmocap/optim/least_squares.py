@@ -45,8 +45,8 @@ class _Options(eqx.Module):
 def _result_code(status: Array, determined: Array, freedom: Array) -> RESULTS:
     """Our code for the solver's status."""
     S = arrow_solver
-    code = RESULTS.where(freedom > 0, RESULTS.successful, RESULTS.too_few_observations)
-    code = RESULTS.where(determined, code, RESULTS.undetermined)
+    code = RESULTS.where(determined, RESULTS.successful, RESULTS.undetermined)
+    code = RESULTS.where(freedom > 0, code, RESULTS.too_few_observations)
     code = RESULTS.where(status == S.STALLED, RESULTS.stalled, code)
     code = RESULTS.where(status == S.GOING, RESULTS.out_of_steps, code)
     return RESULTS.where(status == S.NOT_FINITE, RESULTS.not_finite_at_start, code)

@@ -123,7 +123,7 @@ def block_jacobians(
 
 
 def _products(r: Array, J_s: Array, J_l: Array) -> NormalEquations:
-    wide = J_s.reshape(J_s.shape[0], -1)
+    wide = J_s.reshape(J_s.shape[0], r.size)
     return NormalEquations(
         ss=wide @ wide.T,
         ls=jnp.sum(J_l[:, None] * J_s[None], axis=2),
@@ -157,7 +157,7 @@ def join_chunks(tree: PyTree, blocks: int) -> PyTree:
 
     def join(x: Array) -> Array:
         x = jnp.moveaxis(x, 0, -2)
-        return x.reshape(x.shape[:-2] + (-1,))[..., :blocks]
+        return x.reshape(x.shape[:-2] + (x.shape[-2] * x.shape[-1],))[..., :blocks]
 
     return jax.tree.map(join, tree)
 

@@ -92,7 +92,7 @@ def eliminate(
         right = forward_blocks(L, jnp.concatenate([ls, g_l[:, None]], axis=1))
         W, w = right[:, :ns], right[:, ns]
         # The repeated last block of the last chunk must not count twice.
-        flat_W = jnp.moveaxis(jnp.where(count[None, None], W, 0.0), 1, 0).reshape(ns, -1)
+        flat_W = jnp.moveaxis(jnp.where(count[None, None], W, 0.0), 1, 0).reshape(ns, w.size)
         return (total[0] + flat_W @ flat_W.T, total[1] + flat_W @ w.reshape(-1)), (L, W, w)
 
     zero = (jnp.zeros((ns, ns), normal.ss.dtype), jnp.zeros((ns,), normal.ss.dtype))

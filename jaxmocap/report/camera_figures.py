@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxmocap.calibration.evidence import covered_fraction, image_corners, radius_px, real_radius_px
+from jaxmocap.calibration.evidence import convex_outline, covered_fraction, image_corners, radius_px, real_radius_px
 from jaxmocap.report.canvas import (
     BLUE,
     GREEN,
@@ -29,9 +29,9 @@ def coverage_map(camera: CameraReport, views: Sequence[ViewReport]) -> Picture:
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
         for view in views:
-            if view.outline_uv is not None:
-                axes.fill(*view.outline_uv.T, facecolor=BLUE, alpha=min(0.16, 1.6 / len(views)), lw=0)
-                axes.fill(*view.outline_uv.T, facecolor="none", edgecolor=BLUE, lw=0.6, alpha=0.7)
+            outline = convex_outline(view.uv)
+            axes.fill(*outline.T, facecolor=BLUE, alpha=min(0.16, 1.6 / len(views)), lw=0)
+            axes.fill(*outline.T, facecolor="none", edgecolor=BLUE, lw=0.6, alpha=0.7)
         axes.plot(uv[:, 0], uv[:, 1], ".", ms=2.0, color="#1d3d5c", mew=0, rasterized=True)
         axes.plot(*camera.K[:2, 2], "+", color=RED, ms=10, mew=1.5, label="principal point")
         image_axes(axes, camera.image_size)
@@ -41,7 +41,7 @@ def coverage_map(camera: CameraReport, views: Sequence[ViewReport]) -> Picture:
         draw(HALF, paint),
         "image/svg+xml",
         f"Coverage: {share:.0f} % of the image",
-        "Each outline is the board in one photo; empty areas, above all the corners, are where nothing "
+        "Each outline goes around the points of one photo; empty areas, above all the corners, are where nothing "
         "tests the "
         "lens model.",
     )
@@ -120,8 +120,7 @@ def distortion_curve(camera: CameraReport, views: Sequence[ViewReport]) -> Pictu
         draw(HALF, paint),
         "image/svg+xml",
         "What the lens does",
-        "How far the lens moves a point outwards (+) or inwards (−); beyond the green line no corner tested "
-        "it.",
+        "How far the lens moves a point outwards (+) or inwards (−); beyond the green line no corner tested it.",
     )
 
 
@@ -148,21 +147,17 @@ def _radial_sigma(camera: CameraReport, ideal: np.ndarray) -> np.ndarray:
 
 def correlation_matrix(camera: CameraReport) -> Picture | None:
     """Correlations of the free parameters; None with fewer than two."""
-    names, matrix = camera.correlation_names, np.nan_to_num(np.asarray(camera.correlation, dtype=float))
+    names, matrix = camera.correlation_names, np.asarray(camera.correlation, dtype=float)
     if len(names) < 2:
         return None
 
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
-        axes.imshow(matrix, cmap="PuOr_r", vmin=-1, vmax=1)
-        for i in range(len(names)):
-            for j in range(len(names)):
-                strong = abs(matrix[i, j]) > 0.65
-                # Two decimals and no leading zero; + 0.0 turns -0.00 into 0.00.
-                text = f"{round(float(matrix[i, j]), 2) + 0.0:.2f}".replace("0.", ".", 1) if i != j else "1"
-                axes.text(
-                    j, i, text, ha="center", va="center", fontsize=7.5, color="white" if strong else "#333333"
-                )
+        axes.imshow(np.nan_to_num(matrix), cmap="PuOr_r", vmin=-1, vmax=1)
+        for i, row in enumerate(matrix):
+            for j, value in enumerate(row):
+                colour = "white" if abs(value) > 0.65 else "#333333"
+                axes.text(j, i, _correlation_text(float(value)), ha="center", va="center", fontsize=7.5, color=colour)
         axes.set_xticks(range(len(names)), names)
         axes.set_yticks(range(len(names)), names)
         axes.tick_params(length=0, labeltop=True, labelbottom=False)
@@ -173,6 +168,10 @@ def correlation_matrix(camera: CameraReport) -> Picture | None:
         draw(HALF, paint),
         "image/svg+xml",
         "Correlations",
-        "Near ±1, two parameters can stand in for each other: their sigmas are large one by one, but not "
-        "together.",
+        "Near ±1, two parameters can stand in for each other: their sigmas are large one by one, but not together.",
     )
+
+
+def _correlation_text(value: float) -> str:
+    """Two decimals without the leading zero; + 0.0 turns -0.00 into 0.00."""
+    return f"{round(value, 2) + 0.0:.2f}".replace("0.", ".", 1).replace("1.00", "1") if np.isfinite(value) else "–"

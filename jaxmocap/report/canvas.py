@@ -62,9 +62,7 @@ class Picture:
     """Whether it takes the full width of the page."""
 
 
-def draw(
-    size: tuple[float, float], painter: Callable[[Figure], None], media_type: str = "image/svg+xml"
-) -> bytes:
+def draw(size: tuple[float, float], painter: Callable[[Figure], None], media_type: str = "image/svg+xml") -> bytes:
     """The file of a figure.
 
     Args:
@@ -112,9 +110,7 @@ def image_axes(axes: Axes, image_size: tuple[int, int], margin: float = 0.03) ->
     axes.set_xlim(-edge, w + edge)
     axes.set_ylim(h + edge, -edge)
     axes.set_aspect("equal")
-    axes.plot(
-        [-0.5, w - 0.5, w - 0.5, -0.5, -0.5], [-0.5, -0.5, h - 0.5, h - 0.5, -0.5], color="#333333", lw=0.9
-    )
+    axes.plot([-0.5, w - 0.5, w - 0.5, -0.5, -0.5], [-0.5, -0.5, h - 0.5, h - 0.5, -0.5], color="#333333", lw=0.9)
     axes.set_xlabel("u [px]")
     axes.set_ylabel("v [px]")
     axes.grid(False)

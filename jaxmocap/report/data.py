@@ -70,8 +70,6 @@ class ViewReport:
     """z of the board's centre [unit of the report]."""
     grey: np.ndarray | None = None
     """(h, w) uint8 photo, for the pictures of the worst views."""
-    outline_uv: np.ndarray | None = None
-    """(4, 2) outer corners of the board, in order around it [px]."""
 
 
 @dataclass(frozen=True)

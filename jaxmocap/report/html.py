@@ -15,9 +15,11 @@ from jaxmocap.report.data import CalibrationReport, CameraReport, ParameterRow, 
 from jaxmocap.report.figures import camera_pictures
 from jaxmocap.report.text import (
     Verdict,
+    count,
     format_number,
     format_value,
     parameter_text,
+    relative_title,
     verdict,
     verdict_sentence,
 )
@@ -53,14 +55,14 @@ def _sections(report: CalibrationReport) -> Iterable[str]:
     for camera in report.cameras:
         yield _section(f"Parameters of {camera.name}", _parameters(camera.parameters) + _lens_range(camera))
     if report.stereo:
-        yield _section("Second camera relative to the first", _parameters(report.stereo))
+        yield _section(relative_title(report), _parameters(report.stereo))
     if report.warnings or report.notes:
         yield _section("What to know", _weaknesses(report))
     for index, camera in enumerate(report.cameras):
         views = [v for v in report.views if v.camera == index]
         pictures = camera_pictures(camera, views, report.unit)
         if pictures:
-            yield _section(f"Pictures of {camera.name}", _figures(pictures), "new-page")
+            yield _section(f"Pictures of {camera.name}", _figures(pictures))
     if report.views:
         yield _section("Photos used", _views(report))
     if report.skipped:
@@ -69,9 +71,8 @@ def _sections(report: CalibrationReport) -> Iterable[str]:
     yield _section("Where this comes from", _provenance(report))
 
 
-def _section(title: str, content: str, css_class: str = "") -> str:
-    attribute = f' class="{css_class}"' if css_class else ""
-    return f"<section{attribute}>\n<h2>{_e(title)}</h2>\n{content}\n</section>"
+def _section(title: str, content: str) -> str:
+    return f"<section>\n<h2>{_e(title)}</h2>\n{content}\n</section>"
 
 
 def _top(report: CalibrationReport) -> str:
@@ -107,11 +108,7 @@ def _parameters(rows: Sequence[ParameterRow]) -> str:
         )
         for r in rows
     ]
-    note = (
-        '<p class="soft">The first sigma allows for errors shared by all points of a photo.</p>'
-        if plain
-        else ""
-    )
+    note = '<p class="soft">The first sigma allows for errors shared by all points of a photo.</p>' if plain else ""
     return _table(heads, cells, "parameters") + note
 
 
@@ -193,9 +190,7 @@ def _name(name: str) -> str:
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], css_class: str = "") -> str:
     """A table of ready cells; a head that starts with # is a column of numbers."""
     columns = "".join(
-        f'<th class="number" scope="col">{_e(h[1:])}</th>'
-        if h[:1] == "#"
-        else f'<th scope="col">{_e(h)}</th>'
+        f'<th class="number" scope="col">{_e(h[1:])}</th>' if h[:1] == "#" else f'<th scope="col">{_e(h)}</th>'
         for h in heads
     )
     body = "\n".join(f"<tr>{''.join(cells)}</tr>" for cells in rows)
@@ -234,8 +229,9 @@ def card_html(report: CalibrationReport) -> str:
 
 
 def _card_line(camera: CameraReport, rows: Sequence[ParameterRow]) -> str:
-    cells = "".join(f"<td>{_e(p.name)}</td><td>{_e(parameter_text(p))}</td>" for p in rows)
-    return f"<tr><td>{_e(camera.name)}</td>{cells}</tr>"
+    gap = ' style="padding-right:1.5em"'
+    cells = "".join(f"<td>{_e(p.name)}</td><td{gap}>{_e(parameter_text(p))}</td>" for p in rows)
+    return f"<tr><td{gap}>{_e(camera.name)}</td>{cells}</tr>"
 
 
 def _pairs(rows: Sequence[ParameterRow]) -> Iterable[Sequence[ParameterRow]]:

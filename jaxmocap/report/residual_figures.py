@@ -122,11 +122,7 @@ def residual_by_radius(camera: CameraReport, views: Sequence[ViewReport]) -> Pic
     outward = (uv - camera.K[:2, 2]) / np.maximum(np.linalg.norm(uv - camera.K[:2, 2], axis=1), 1e-9)[:, None]
     radial = np.sum(residual * outward, axis=1)
     # Rings of equally many points, so that each mean is known equally well.
-    rings = [
-        ring
-        for ring in np.array_split(np.argsort(r, kind="stable"), min(10, max(1, len(r) // 20)))
-        if len(ring)
-    ]
+    rings = [ring for ring in np.array_split(np.argsort(r, kind="stable"), min(10, max(1, len(r) // 20))) if len(ring)]
     middle = np.array([r[ring].mean() for ring in rings])
     mean = np.array([radial[ring].mean() for ring in rings])
     error = np.array([radial[ring].std() / np.sqrt(len(ring)) for ring in rings])
@@ -135,9 +131,7 @@ def residual_by_radius(camera: CameraReport, views: Sequence[ViewReport]) -> Pic
     def paint(figure: Figure) -> None:
         axes = figure.subplots()
         axes.plot(r, radial, ".", ms=3.0, alpha=0.35, color=BLUE, mew=0, rasterized=True)
-        axes.errorbar(
-            middle, mean, 2 * error, fmt="o-", color=RED, ms=4, lw=1.3, capsize=2, label="mean ± 2 sigma"
-        )
+        axes.errorbar(middle, mean, 2 * error, fmt="o-", color=RED, ms=4, lw=1.3, capsize=2, label="mean ± 2 sigma")
         axes.axhline(0, color=GREY, lw=0.8)
         axes.set(ylim=(-limit, limit), xlabel="distance from the principal point [px]")
         axes.set_ylabel("outward residual [px]")
@@ -187,9 +181,7 @@ def _photo(axes: Axes, view: ViewReport) -> None:
     axes.grid(False)
 
 
-def _arrows(
-    axes: Axes, uv: np.ndarray, residual: np.ndarray, scale: float, width: float, colour: str = RED
-) -> None:
+def _arrows(axes: Axes, uv: np.ndarray, residual: np.ndarray, scale: float, width: float, colour: str = RED) -> None:
     # angles and scale in data units: an arrow of 1 px times `scale` is `scale` px of the image long.
     geometry = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / scale}
     heads = {"headwidth": 3.2, "headlength": 4, "headaxislength": 3.6, "minlength": 0}

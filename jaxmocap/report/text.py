@@ -110,6 +110,13 @@ def count(n: int, word: str) -> str:
     return f"{n} {word}{'' if n == 1 else 's'}"
 
 
+def relative_title(report: CalibrationReport) -> str:
+    """What the poses in `stereo` are."""
+    if len(report.cameras) == 2:
+        return f"{report.cameras[1].name} relative to {report.cameras[0].name}"
+    return "The other cameras relative to the first"
+
+
 def summary_text(report: CalibrationReport) -> str:
     """The lines the command line prints: headline, parameters, warnings, photos not used.
 
@@ -125,7 +132,7 @@ def summary_text(report: CalibrationReport) -> str:
         lines += ["", f"  {name}, RMS {format_number(camera.rms_px, 3)} px"]
         lines += _parameter_lines(camera.parameters)
     if report.stereo:
-        lines += ["", "  second camera relative to the first", *_parameter_lines(report.stereo)]
+        lines += ["", f"  {relative_title(report)}", *_parameter_lines(report.stereo)]
     lines += ["", *(f"  {note}" for note in report.notes)] if report.notes else []
     for name, reason in report.skipped:
         lines.append(f"  - {name}: {reason}")

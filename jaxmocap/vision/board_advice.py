@@ -72,9 +72,7 @@ def near_duplicates(
         InputError: The lengths differ.
     """
     if len(uv) != len(names) or (sha256 is not None and len(sha256) != len(names)):
-        raise InputError(
-            f"near_duplicates: {len(uv)} views but {len(names)} names; give one name (and hash) a view."
-        )
+        raise InputError(f"near_duplicates: {len(uv)} views but {len(names)} names; give one name (and hash) a view.")
     limit = REPEATS_WITHIN * float(np.hypot(*image_size))
     groups: list[list[int]] = []
     for view in range(len(names)):
@@ -135,7 +133,7 @@ def advise_board(
             return f"{what}; {board} fits {fits} of {len(photos)} tried: {cause} (--board {board})"
     return (
         f"{what}, nor a similar one in {len(photos)} tried. Count INNER corners (where "
-        "four squares meet); the whole board must be in the picture, sharp, flat and evenly lit, with a light margin"
+        "four squares meet); the whole board must be in the picture, sharp, flat, evenly lit, with a light margin"
     )
 
 

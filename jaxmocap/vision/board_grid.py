@@ -29,7 +29,13 @@ _CONTINUES = 0.5
 """Contrast beyond the outer squares, relative to the board's, from which the pattern is said to go on: half
 way between a blank margin (0) and further squares (1)."""
 
-_SAMPLES = np.array([0.3, 0.5, 0.7])  # across a square: its middle, clear of blurred edges
+_COVERED = 0.5
+"""Contrast close to a corner, relative to that of the middles of the squares around it, below which the
+corner is hidden: half way between a covered corner (0) and a clear one (1). OpenCV's sector finder makes up
+corners that it cannot see."""
+
+_MIDDLE = np.array([0.3, 0.5, 0.7])  # across a square: clear of blurred edges
+_NEAR_CORNERS = np.array([0.2, 0.8])  # nearer, blur of a few pixels would count as cover where squares are small
 _OUTWARDS = (1.0, 1.6)
 """Lines extrapolated outwards, in squares: past the outer squares, and not too far beyond these, because
 where a bigger board goes on, the squares seen there may be its outer ones, often printed or cut narrower."""
@@ -157,11 +163,14 @@ def grid_fault(grey: Grey, grid: Floats, *, whole_board_in_view: bool = False) -
         return "the corners' quadrilaterals are crossed or mirrored"
     if _bend(grid) > _MAX_BEND:
         return "the corners are not regularly spaced"
-    brightness = square_brightness(grey, _extended(grid))
+    extended = _extended(grid)
+    brightness = square_brightness(grey, extended)
     if not _alternates(brightness[_RING:-_RING, _RING:-_RING]):
         return "the squares between the corners do not alternate"
     if whole_board_in_view and np.isnan(brightness[1:-1, 1:-1]).any():
         return "the outer squares are not all in the image"
+    if _is_covered(grey, extended, brightness):
+        return "a corner is hidden"
     if _goes_on(brightness):
         return "the pattern goes on beyond the outer squares: the board is bigger"
     return None
@@ -178,17 +187,34 @@ def cell_turns(grid: Floats) -> Floats:
 
 def square_brightness(grey: Grey, grid: Floats) -> Floats:
     """Mean brightness in each square's middle, (rows-1, columns-1); NaN where that is not in the image."""
-    t = _SAMPLES
-    along_top = grid[:-1, :-1, None] * (1 - t)[:, None] + grid[:-1, 1:, None] * t[:, None]
-    along_bottom = grid[1:, :-1, None] * (1 - t)[:, None] + grid[1:, 1:, None] * t[:, None]
-    points = along_top[..., None, :] * (1 - t)[:, None] + along_bottom[..., None, :] * t[:, None]
-    flat = points.reshape(-1, t.size**2, 2)
+    return _samples(grey, grid, _MIDDLE).mean(axis=(0, 1))
+
+
+def corner_contrast(grey: Grey, grid: Floats) -> Floats:
+    """Contrast of the squares close to each inner corner of the grid, (rows-2, columns-2).
+
+    Half the difference of the two pairs of opposite squares a fifth of a square from the corner, positive
+    where the first pair is brighter; about 0 where something covers the corner. NaN where that is not in the
+    image.
+    """
+    near = _samples(grey, grid, _NEAR_CORNERS)  # (2, 2, rows-1, columns-1): down, across in each square
+    first = near[1, 1, :-1, :-1] + near[0, 0, 1:, 1:]
+    second = near[1, 0, :-1, 1:] + near[0, 1, 1:, :-1]
+    return (first - second) / 4
+
+
+def _samples(grey: Grey, grid: Floats, t: Floats) -> Floats:
+    """Brightness at fractions t down and across each square, (t, t, rows-1, columns-1); NaN outside the image."""
+    down, across = t[:, None, None, None, None], t[None, :, None, None, None]
+    top = grid[:-1, :-1] * (1 - across) + grid[:-1, 1:] * across
+    bottom = grid[1:, :-1] * (1 - across) + grid[1:, 1:] * across
+    points = top * (1 - down) + bottom * down
+    flat = points.reshape(-1, grid.shape[1] - 1, 2)  # cv2.remap wants two axes
     u, v = flat[..., 0].astype(np.float32), flat[..., 1].astype(np.float32)
     values = cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     height, width = grey.shape
-    inside = ((flat >= 0) & (flat <= (width - 1, height - 1))).all(axis=(1, 2))
-    means = np.where(inside, values.mean(axis=1, dtype=np.float64), np.nan)
-    return means.reshape(grid.shape[0] - 1, grid.shape[1] - 1)
+    inside = ((points >= 0) & (points <= (width - 1, height - 1))).all(axis=-1)
+    return np.where(inside, values.reshape(inside.shape).astype(np.float64), np.nan)
 
 
 def _cross(p: Floats, q: Floats) -> Floats:
@@ -265,6 +291,23 @@ def _alternates(inner: Floats) -> bool:
     neighbours = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
     contrast = _parity(inner.shape) * (inner - np.nanmean(neighbours, axis=0))
     return bool((contrast > 0).all() or (contrast < 0).all())
+
+
+def _is_covered(grey: Grey, extended: Floats, brightness: Floats) -> bool:
+    """Whether the pattern is missing close to some corner though the squares around it show it.
+
+    The squares' contrast is local, because light may fall off across the board; and taken as half the board's
+    at least, because the outer squares may themselves be hidden, say by the fingers that hold the board.
+    """
+    own = np.s_[1:-1, 1:-1]
+    corner_sign = _parity(brightness.shape)[:-1, :-1]
+    near = (corner_sign * corner_contrast(grey, extended))[own]
+    around = brightness[:-1, :-1] + brightness[1:, 1:] - brightness[:-1, 1:] - brightness[1:, :-1]
+    middles = (corner_sign * around / 4)[own]
+    inner = np.s_[_RING:-_RING, _RING:-_RING]
+    board = _contrast(brightness[inner], _parity(brightness.shape)[inner])
+    expected = np.fmax(middles / board, 0.5)  # fmax: half the board's, too, where outer squares leave the image
+    return bool((near / board < _COVERED * expected).any())  # a NaN, outside the image, cannot tell
 
 
 def _goes_on(brightness: Floats) -> bool:

@@ -79,9 +79,7 @@ def detect_boards(
     names = tuple(view.name for view in views)
     found = np.array([view.uv is not None for view in views])
     if not found.any():
-        raise InputError(
-            advise_board(lambda index: read_photo(views[index].path).grey, names, columns_rows) + "."
-        )
+        raise InputError(advise_board(lambda index: read_photo(views[index].path).grey, names, columns_rows) + ".")
     zeros = np.zeros((columns_rows[0] * columns_rows[1], 2))
     stacked = np.stack([zeros if view.uv is None else view.uv for view in views])
     warnings += [text for view in views for text in view.warnings]
@@ -131,9 +129,7 @@ def _search_all(
                 progress(len(views), len(files))
         return views
     finally:
-        pool.shutdown(
-            wait=True, cancel_futures=True
-        )  # on an error or Ctrl-C the photos not yet begun are left
+        pool.shutdown(wait=True, cancel_futures=True)  # on an error or Ctrl-C the photos not yet begun are left
 
 
 def _without_copies(views: Sequence[_View]) -> tuple[list[_View], list[str]]:
@@ -152,10 +148,7 @@ def _without_copies(views: Sequence[_View]) -> tuple[list[_View], list[str]]:
 def _name_clashes(views: Sequence[_View]) -> list[str]:
     """A warning where messages could not tell two photos apart."""
     clashes = [name for name, count in Counter(view.name for view in views).items() if count > 1]
-    return [
-        f"several different photos are called {name}; results name them alike. Rename them."
-        for name in clashes
-    ]
+    return [f"several different photos are called {name}; results name them alike. Rename them." for name in clashes]
 
 
 def _missing(names: Sequence[str], found: NDArray[np.bool_], columns_rows: tuple[int, int]) -> list[str]:

@@ -33,9 +33,7 @@ def expand_photos(patterns: Iterable[str | Path]) -> list[Path]:
     if not entries:
         raise InputError("no photos were given. Name files, a folder or a pattern such as 'photos/*.jpg'.")
     paths = sorted((path for entry in entries for path in _expand_one(str(entry))), key=natural_key)
-    unique = {
-        path.resolve(): path for path in reversed(paths)
-    }  # reversed: of two spellings the first in order stays
+    unique = {path.resolve(): path for path in reversed(paths)}  # reversed: of two spellings the first in order stays
     return sorted(unique.values(), key=natural_key)
 
 
@@ -55,19 +53,13 @@ def _expand_one(entry: str) -> list[Path]:
         is_folder = path.is_dir()
         found = list(path.iterdir()) if is_folder else [Path(p) for p in glob.glob(str(path), recursive=True)]
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        raise InputError(
-            f"{entry!r}: cannot be listed ({error}). Check the path and its permissions."
-        ) from error
-    photos = [
-        p for p in found if p.suffix.lower() in PHOTO_SUFFIXES and not p.name.startswith(".") and p.is_file()
-    ]
+        raise InputError(f"{entry!r}: cannot be listed ({error}). Check the path and its permissions.") from error
+    photos = [p for p in found if p.suffix.lower() in PHOTO_SUFFIXES and not p.name.startswith(".") and p.is_file()]
     if photos:
         return photos
     if is_folder:
         what = (
-            f"folder {entry!r} holds no photo ({len(found)} other entries)"
-            if found
-            else f"folder {entry!r} is empty"
+            f"folder {entry!r} holds no photo ({len(found)} other entries)" if found else f"folder {entry!r} is empty"
         )
     elif glob.has_magic(entry):
         what = f"no photo matches {entry!r}"

@@ -1,7 +1,7 @@
 """Reading photographs for measurement: pixels as the sensor stored them, and no damaged file let through.
 
 OpenCV decodes (it keeps 16 bits and can be told to leave the EXIF rotation alone); Pillow checks, because
-OpenCV returns a truncated JPEG with a grey tail and no error, where Pillow raises.
+OpenCV's `imread` returns a truncated JPEG with a grey tail and no error, where Pillow raises.
 """
 
 from __future__ import annotations
@@ -24,9 +24,7 @@ from jaxmocap._errors import InputError
 MAX_PIXELS = 89_478_485
 """Largest photo that is decoded: the size above which Pillow suspects a decompression bomb."""
 
-_MAX_FILE_BYTES = (
-    8 * MAX_PIXELS
-)  # four channels of 16 bits, uncompressed: no honest photo within MAX_PIXELS is bigger
+_MAX_FILE_BYTES = 8 * MAX_PIXELS  # four channels of 16 bits, uncompressed: no honest photo within MAX_PIXELS is bigger
 _EXIF_ORIENTATION = 0x0112
 _WHITE = 255.0
 
@@ -168,9 +166,7 @@ def _decode_strictly(data: bytes, path: Path) -> Image.Image:
             "with an image's name. Give PNG, JPEG, TIFF, BMP or WebP."
         ) from error
     if pixels > MAX_PIXELS:
-        raise InputError(
-            f"{path}: more than {MAX_PIXELS} pixels. Give the photo at the size used for capture."
-        )
+        raise InputError(f"{path}: more than {MAX_PIXELS} pixels. Give the photo at the size used for capture.")
     try:
         image.load()
     except Exception as error:  # as above, for the pixel data
@@ -202,9 +198,7 @@ def _grey_of_file(data: bytes, path: Path) -> tuple[NDArray[np.uint8], list[str]
     if pixels is None:
         raise InputError(f"{path}: OpenCV cannot decode it. Save it as PNG or JPEG.")
     if pixels.dtype not in (np.uint8, np.uint16):
-        raise InputError(
-            f"{path}: pixels of type {pixels.dtype}; expected 8 or 16 bit. Save it as PNG or JPEG."
-        )
+        raise InputError(f"{path}: pixels of type {pixels.dtype}; expected 8 or 16 bit. Save it as PNG or JPEG.")
     warnings = [] if pixels.dtype == np.uint8 else ["16-bit pixels, scaled to 8 bits."]
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
     if channels == 4:

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jaxmocap.geometry import rotation
 from samplers import central_difference, over, rotation_vectors, unit_vectors
+
+from jaxmocap.geometry import rotation
 
 P = jnp.array([0.3, -1.2, 2.0])
 AXES = unit_vectors(np.random.default_rng(9), 4)  # x, y, z and one more
@@ -107,7 +108,9 @@ def test_log_of_a_matrix_has_finite_first_and_second_derivatives(turn):
         assert np.all(np.isfinite(second(R)))
         np.testing.assert_allclose(first(R), forward(R), atol=1e-12)
     # At the identity: d log along [e_i] is e_i.
-    along = np.einsum("cab,iab->ci", np.asarray(first(jnp.eye(3))), np.stack([np.cross(np.eye(3), e) for e in np.eye(3)]))
+    along = np.einsum(
+        "cab,iab->ci", np.asarray(first(jnp.eye(3))), np.stack([np.cross(np.eye(3), e) for e in np.eye(3)])
+    )
     np.testing.assert_allclose(along, np.eye(3), atol=1e-15)
 
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from jaxmocap.geometry import rotation
 from samplers import ROTATION_KINDS, over, rotation_vectors
+
+from jaxmocap.geometry import rotation
 
 SAMPLES = 20
 kinds = pytest.mark.parametrize("kind", ROTATION_KINDS)

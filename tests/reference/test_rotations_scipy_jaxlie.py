@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import jaxlie
 import numpy as np
 import pytest
-from jaxmocap.geometry import Pose, rotation
 from samplers import ROTATION_KINDS, all_rotation_vectors, over, rotation_vectors
 from scipy.spatial.transform import Rotation
+
+from jaxmocap.geometry import Pose, rotation
 
 ORDERS = ["".join(o) for letters in ("xyz", "XYZ") for o in product(letters, repeat=3) if o[0] != o[1] != o[2]]
 

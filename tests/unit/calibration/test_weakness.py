@@ -12,6 +12,7 @@ from jaxmocap.calibration.evidence import (
     CameraEvidence,
     board_attitude,
     board_shift,
+    convex_outline,
     covered_fraction,
     image_corners,
     radius_px,
@@ -156,10 +157,7 @@ def test_tilts_within_a_quadrant_leave_the_principal_point_uncertain():
 
 
 def test_one_tilt_direction_names_it():
-    views = [
-        replace(v, tilt_deg=30.0, tilt_direction_deg=(350.0 + 3.0 * i) % 360)
-        for i, v in enumerate(good().views)
-    ]
+    views = [replace(v, tilt_deg=30.0, tilt_direction_deg=(350.0 + 3.0 * i) % 360) for i, v in enumerate(good().views)]
     w = found(replace(good(), views=views), "one-tilt-direction")
     assert "towards the right" in w.sentence and "51 degrees" in w.sentence
 
@@ -221,10 +219,7 @@ def test_a_lens_that_folds_back_inside_the_image():
     corner = radius_px(good().K, image_corners(SIZE)).max()
     reached = max(radius_px(good().K, v.uv).max() for v in good().views)
     assert "lens-folds-back" not in codes(replace(good(), valid_radius_px=1.01 * corner))
-    assert (
-        found(replace(good(), valid_radius_px=(corner + reached) / 2), "lens-folds-back").severity
-        == "warning"
-    )
+    assert found(replace(good(), valid_radius_px=(corner + reached) / 2), "lens-folds-back").severity == "warning"
     assert found(replace(good(), valid_radius_px=0.9 * reached), "lens-folds-back").severity == "serious"
 
 
@@ -264,8 +259,10 @@ def test_a_strange_square_is_a_question(square, unit, asked):
 
 
 def test_residuals_that_go_together():
-    plain = {n: s / 2.5 for n, s in good().sigma.items()}
-    assert "2.5 times" in found(replace(good(), sigma_plain=plain), "correlated-residuals").sentence
+    for ratio, severity in ((2.5, "note"), (4.0, "warning")):
+        plain = {n: s / ratio for n, s in good().sigma.items()}
+        w = found(replace(good(), sigma_plain=plain), "correlated-residuals")
+        assert w.severity == severity and f"{ratio} times" in w.sentence
 
 
 def test_nan_is_one_serious_weakness():
@@ -273,17 +270,13 @@ def test_nan_is_one_serious_weakness():
 
 
 def test_the_most_serious_comes_first_and_the_camera_is_named():
-    weak = find_weaknesses(
-        replace(good(), K=np.diag([1.0, 1.0, 1.0]), square=0.001, rms_px=2.0, label="left")
-    )
+    weak = find_weaknesses(replace(good(), K=np.diag([1.0, 1.0, 1.0]), square=0.001, rms_px=2.0, label="left"))
     ranks = [{"serious": 0, "warning": 1, "note": 2}[w.severity] for w in weak]
     assert ranks == sorted(ranks) and all(w.sentence.startswith("left: ") for w in weak)
 
 
 def test_every_sentence_has_a_number_and_every_step_is_a_sentence():
-    evidence = replace(
-        calibrated(project([pose(0, 0, 400.0)] * 3)), rms_px=5.0, square=0.001, valid_radius_px=50.0
-    )
+    evidence = replace(calibrated(project([pose(0, 0, 400.0)] * 3)), rms_px=5.0, square=0.001, valid_radius_px=50.0)
     for w in find_weaknesses(evidence):
         assert re.search(r"\d", w.sentence) and w.next_step.endswith(".") and "nan" not in w.sentence
 
@@ -309,16 +302,20 @@ def test_attitude_does_not_depend_on_the_side_of_the_normal():
 def test_coverage_of_known_outlines():
     w, h = SIZE
     assert covered_fraction(SIZE, [image_corners(SIZE)]) == 1.0
-    assert covered_fraction(SIZE, [np.array([[0, 0], [w / 2, 0], [w / 2, h], [0, h]])]) == pytest.approx(
-        0.5, abs=0.01
-    )
+    assert covered_fraction(SIZE, [np.array([[0, 0], [w / 2, 0], [w / 2, h], [0, h]])]) == pytest.approx(0.5, abs=0.01)
     assert covered_fraction(SIZE, []) == 0.0
 
 
+def test_the_outline_of_a_grid_goes_around_it():
+    grid = BOARD[:, :2].astype(float)
+    x, y = convex_outline(grid).T
+    area = 0.5 * abs(np.sum(x * np.roll(y, 1) - y * np.roll(x, 1)))
+    assert area == pytest.approx(8 * SQUARE * 5 * SQUARE)
+    assert len(convex_outline(grid[:1])) == 1 and len(convex_outline(grid[:0])) == 0
+
+
 def test_real_radius_is_that_of_the_projection():
-    uv = cv2.projectPoints(np.array([[0.3, 0.4, 1.0]]), np.zeros(3), np.zeros(3), TRUE_K, TRUE_LENS)[
-        0
-    ].reshape(1, 2)
+    uv = cv2.projectPoints(np.array([[0.3, 0.4, 1.0]]), np.zeros(3), np.zeros(3), TRUE_K, TRUE_LENS)[0].reshape(1, 2)
     assert real_radius_px(TRUE_K, TRUE_LENS, 0.5) == pytest.approx(radius_px(TRUE_K, uv)[0])
 
 

@@ -1,6 +1,7 @@
 """Thin-lens arithmetic, by hand."""
 
 import pytest
+
 from jaxmocap._errors import InputError
 from jaxmocap.cameras import lens
 
@@ -24,7 +25,9 @@ def test_the_document_s_example_does_not_follow_from_its_distance():
     assert lens.field_height(4.22, 2.44, 400.0) == pytest.approx(228.84, abs=0.005)
 
 
-@pytest.mark.parametrize("focal_length, distance", [(4.0, 4.0), (4.0, 3.0), (0.0, 5.0), (-1.0, 5.0), (4.0, float("nan"))])
+@pytest.mark.parametrize(
+    "focal_length, distance", [(4.0, 4.0), (4.0, 3.0), (0.0, 5.0), (-1.0, 5.0), (4.0, float("nan"))]
+)
 def test_no_real_image_is_refused(focal_length, distance):
     with pytest.raises(InputError, match="distance: expected more than the focal length"):
         lens.image_distance(focal_length, distance)

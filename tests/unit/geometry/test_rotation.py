@@ -4,9 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from samplers import central_difference
+
 from jaxmocap import _errors
 from jaxmocap.geometry import rotation
-from samplers import central_difference
 
 QUARTER_Z = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
 HALF_X = np.diag([1.0, -1, -1])
@@ -83,7 +84,13 @@ def test_the_document_s_quaternion_rule_3_8_turns_points_alike():
 
 
 def test_canonical_by_hand():
-    for angle, expected in [(0.0, 0.0), (3.0, 3.0), (4.0, 4.0 - 2 * np.pi), (7.0, 7.0 - 2 * np.pi), (-4, 2 * np.pi - 4)]:
+    for angle, expected in [
+        (0.0, 0.0),
+        (3.0, 3.0),
+        (4.0, 4.0 - 2 * np.pi),
+        (7.0, 7.0 - 2 * np.pi),
+        (-4, 2 * np.pi - 4),
+    ]:
         got = rotation.canonical(jnp.array([0.0, angle, 0.0]))
         np.testing.assert_allclose(got, [0, expected, 0], atol=1e-15)
 
@@ -99,7 +106,9 @@ def test_axis_and_angle_by_hand():
     np.testing.assert_allclose(angle, 1.5)
     axis, angle = rotation.axis_angle_from_rotvec(jnp.zeros(3))
     assert np.array_equal(axis, [1, 0, 0]) and angle == 0
-    np.testing.assert_allclose(rotation.rotvec_from_axis_angle(jnp.array([0.0, 3.0, 4.0]), jnp.array(2.0)), [0, 1.2, 1.6])
+    np.testing.assert_allclose(
+        rotation.rotvec_from_axis_angle(jnp.array([0.0, 3.0, 4.0]), jnp.array(2.0)), [0, 1.2, 1.6]
+    )
 
 
 def test_axis_and_angle_beyond_pi_turn_the_other_way():

@@ -42,9 +42,7 @@ def numbers_of(camera: Camera) -> list[float]:
     """All numbers of a camera, field by field."""
     i, lens, pose = camera.intrinsics, camera.distortion, camera.T_camera_world
     leaves = [i.fx, i.fy, i.cx, i.cy, i.skew, lens.k1, lens.k2, lens.p1, lens.p2, lens.k3]
-    return (
-        [float(x) for x in leaves] + np.asarray(pose.rotvec).tolist() + np.asarray(pose.translation).tolist()
-    )
+    return [float(x) for x in leaves] + np.asarray(pose.rotvec).tolist() + np.asarray(pose.translation).tolist()
 
 
 def camera_of_numbers(numbers: list[float], size: tuple[int, int] = (640, 480)) -> Camera:

@@ -1,8 +1,9 @@
-"""Boards drawn with NumPy alone, so that the true corners are known by construction."""
+"""Boards drawn sample by sample, so that the true corners are known by construction."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import pytest
 
@@ -43,6 +44,7 @@ def draw(
     p, q = np.floor(x / w), np.floor(y / w)
     dark = ((p + q) % 2 == 0) & (p >= -1) & (p < columns) & (q >= -1) & (q < rows)
     fine = np.where(dark, 40.0, 210.0)
+    fine = cv2.GaussianBlur(fine, (0, 0), 0.7 * SUPERSAMPLING)  # pixels: a sharp lens
     coarse = fine.reshape(size[1], SUPERSAMPLING, size[0], SUPERSAMPLING).mean(axis=(1, 3))
     noisy = coarse + np.random.default_rng(0).normal(0, noise, coarse.shape)
     lattice = np.stack([*np.meshgrid(np.arange(columns), np.arange(rows)), np.ones((rows, columns))])

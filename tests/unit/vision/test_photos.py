@@ -107,6 +107,7 @@ BROKEN = {
     "zero.png": (b"", "empty"),
     "text.png": (b"these are notes, not a photo\n" * 20, "not an image"),
     "half.jpg": (noise_jpeg()[: len(noise_jpeg()) // 2], "truncated"),
+    "tail.jpg": (noise_jpeg()[: len(noise_jpeg()) * 9 // 10], "truncated"),
     "half.png": (png_bytes()[: len(png_bytes()) // 2], "truncated"),
 }
 
@@ -120,11 +121,6 @@ def test_broken_files_are_refused_by_name(tmp_path, name):
     assert name in str(caught.value)
 
 
-def test_opencv_alone_would_accept_the_truncated_jpeg():
-    half = np.frombuffer(BROKEN["half.jpg"][0], np.uint8)
-    assert cv2.imdecode(half, cv2.IMREAD_UNCHANGED) is not None
-
-
 def test_missing_file_and_folder(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         read_photo(tmp_path / "nowhere.png")
@@ -134,7 +130,7 @@ def test_missing_file_and_folder(tmp_path):
 
 def test_decompression_bomb_is_refused(tmp_path):
     path = tmp_path / "bomb.png"
-    Image.new("1", (30_000, 30_000)).save(path)
+    Image.new("1", (10_000, 10_000)).save(path)
     assert path.stat().st_size < 1_000_000
     with pytest.raises(InputError, match="bomb.png: more than"):
         read_photo(path)
