@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,6 +35,7 @@ Skew = Annotated[bool, Parameter(help="Also seek K[0][1].", negative="")]
 Robust = Annotated[bool, Parameter(help="Let outliers count less (Cauchy loss).", negative="")]
 Report = Annotated[Path | None, Parameter(help="Write a report, one HTML page.")]
 Json = Annotated[Path | None, Parameter(name="--json", help="Write every printed number.")]
+Force = Annotated[bool, Parameter(help="Write a result that is marked as not to be used.", negative="")]
 Yaml = Annotated[Path | None, Parameter(name="--opencv", help="Also write an OpenCV YAML file.")]
 
 
@@ -95,57 +97,101 @@ def _progress(what: str) -> Callable[[int, int], None] | None:
     return advance
 
 
-def _run(
-    job: Callable[[], "CalibrationResult"],
-    output: Path,
-    report: Path | None,
-    json: Path | None,
-    opencv: Path | None,
-) -> int:
-    """Do a calibration, write all of its files or none, print its summary; on failure write the JSON alone."""
-    command = _command()
+@dataclass(frozen=True)
+class _Outputs:
+    """The files a command was asked to write."""
+
+    rig: Path
+    report: Path | None = None
+    json: Path | None = None
+    opencv: Path | None = None
+
+    @property
+    def all(self) -> list[Path]:
+        return [path for path in (self.rig, self.report, self.json, self.opencv) if path]
+
+
+def _run(job: Callable[[], "CalibrationResult"], outputs: _Outputs, inputs: list[str], force: bool = False) -> int:
+    """Do a calibration, write all of its files or none, print its summary; on failure write JSON and report alone."""
     try:
+        _check_places(outputs, inputs)
         _use_jax()
         result = job()
-        said = _write(result, output, report, json, opencv)
+        serious = [w for w in result.weaknesses if w.severity == "serious"]
+        if serious and not force:
+            print(result.summary(), end="")
+            message = f"{serious[0].sentence} {serious[0].next_step} (--force writes the result all the same.)"
+            _write_refused(result, outputs, message)
+            return _failed(message, NOT_SOLVED)
+        said = _write(result, outputs)
     except JaxMocapError as error:
-        status = NOT_SOLVED if isinstance(error, SolveError) else WRONG_INPUT
-        print(f"error: {error}", file=sys.stderr)
-        _write_failure(json, report, command, error)
-        return status
+        _write_failure(outputs, error)
+        return _failed(str(error), NOT_SOLVED if isinstance(error, SolveError) else WRONG_INPUT)
     print(result.summary(), end="")
     for sentence in said:
         print(f"note: {sentence}")
-    print("wrote " + ", ".join(str(p) for p in (output, report, json, opencv) if p))
+    print("wrote " + ", ".join(map(str, outputs.all)))
     return DONE
 
 
-def _write(
-    result: "CalibrationResult", output: Path, report: Path | None, json: Path | None, opencv: Path | None
-) -> list[str]:
+def _failed(message: str, status: int) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return status
+
+
+def _check_places(outputs: _Outputs, inputs: list[str]) -> None:
+    """Refuse at once what could not be written after minutes of work, or would overwrite an input."""
+    for path in outputs.all:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder; give the name of a file to write")
+        if not path.absolute().parent.is_dir():
+            raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first")
+        if not os.access(path.absolute().parent, os.W_OK):
+            raise InputError(f"{path}: the folder {path.absolute().parent} cannot be written to; choose another")
+        if any(path.exists() and Path(i).exists() and path.samefile(i) for i in inputs):
+            raise InputError(f"{path} is one of the inputs; give another name for the output")
+    if len({path.absolute() for path in outputs.all}) < len(outputs.all):
+        raise InputError("two outputs have the same name; give each its own")
+
+
+def _write(result: "CalibrationResult", outputs: _Outputs) -> list[str]:
     from jaxmocap.io import opencv_yaml_text, rig_text, write_many
 
     text, said = rig_text(result.rig())
-    files: dict[str | Path, bytes] = {output: text.encode()}
-    if report:
-        files[report] = result.html().encode()
-    if json:
-        files[json] = result.json({"outputs": [str(output)]})
-    if opencv:
+    files: dict[str | Path, bytes] = {outputs.rig: text.encode()}
+    if outputs.report:
+        files[outputs.report] = result.html().encode()
+    if outputs.json:
+        files[outputs.json] = result.json()
+    if outputs.opencv:
         yaml, more = opencv_yaml_text(result.rig().cameras)
-        files[opencv] = yaml.encode()
+        files[outputs.opencv] = yaml.encode()
         said = [*said, *(s for s in more if s not in said)]
     write_many(files)
     return said
 
 
-def _write_failure(json: Path | None, report: Path | None, command: str, error: JaxMocapError) -> None:
-    """The machine-readable failure and, if asked for, a page that says the same; never an old result's place."""
+def _write_refused(result: "CalibrationResult", outputs: _Outputs, message: str) -> None:
+    """JSON and report of a result that is not to be used; an earlier rig file stays."""
+    from jaxmocap.io import write_many
+
+    files: dict[str | Path, bytes] = {}
+    if outputs.report:
+        files[outputs.report] = result.html().encode()
+    if outputs.json:
+        files[outputs.json] = result.json({"success": False, "message": message})
+    write_many(files)
+
+
+def _write_failure(outputs: _Outputs, error: JaxMocapError) -> None:
+    """The machine-readable failure and, if asked for, a page that says the same; nothing else is touched."""
     from importlib.metadata import version
 
-    from jaxmocap.io import json_bytes, write_bytes
-    from jaxmocap.report import failure_html
+    from jaxmocap.io.atomic import write_bytes
+    from jaxmocap.io.json_file import json_bytes
+    from jaxmocap.report.failure import failure_html
 
+    command = _command()
     content: dict[str, Any] = {
         "jaxmocap": version("jaxmocap"),
         "command": command,
@@ -155,11 +201,12 @@ def _write_failure(json: Path | None, report: Path | None, command: str, error: 
         "seed": None,
         "warnings": [],
     }
-    for path, make in ((json, lambda: json_bytes(content)), (report, lambda: failure_html(command, str(error)).encode())):
+    page = failure_html(command, str(error)).encode()
+    for path, data in ((outputs.json, json_bytes(content)), (outputs.report, page)):
         if path is None:
             continue
         try:
-            write_bytes(path, make())
+            write_bytes(path, data)
         except JaxMocapError as second:
             print(f"error: {second}", file=sys.stderr)
 
@@ -178,6 +225,7 @@ def calibrate_chessboard(
     report: Report = None,
     json: Json = None,
     opencv: Yaml = None,
+    force: Force = False,
 ) -> int:
     """Calibrate one camera from photographs of a chessboard."""
 
@@ -196,7 +244,7 @@ def calibrate_chessboard(
             progress=_progress("looking for the board"),
         )
 
-    return _run(job, output, report, json, opencv)
+    return _run(job, _Outputs(output, report, json, opencv), images, force)
 
 
 @calibrate.command(name="stereo")
@@ -213,6 +261,7 @@ def calibrate_stereo(
     report: Report = None,
     json: Json = None,
     opencv: Yaml = None,
+    force: Force = False,
 ) -> int:
     """Calibrate two cameras and the pose between them from photographs taken at the same moments.
 
@@ -234,7 +283,7 @@ def calibrate_stereo(
             progress=_progress("looking for the board"),
         )
 
-    return _run(job, output, report, json, opencv)
+    return _run(job, _Outputs(output, report, json, opencv), [*left, *right], force)
 
 
 @calibrate.command(name="points")
@@ -250,6 +299,7 @@ def calibrate_points(
     report: Report = None,
     json: Json = None,
     opencv: Yaml = None,
+    force: Force = False,
 ) -> int:
     """Calibrate cameras from known points whose pixels were found elsewhere (CSV view,x,y,z,u,v[,sigma][,camera])."""
 
@@ -266,13 +316,12 @@ def calibrate_points(
             command=_command(),
         )
 
-    return _run(job, output, report, json, opencv)
+    return _run(job, _Outputs(output, report, json, opencv), [str(correspondences)], force)
 
 
 @app.command
 def demo(*, out: Annotated[Path, Parameter(help="Folder to write into.")] = Path("jaxmocap-demo")) -> int:
     """Calibrate a camera from the bundled photographs and show the result beside the truth."""
-    report, camera = out / "report.html", out / "camera.toml"
 
     def job() -> "CalibrationResult":
         from dataclasses import replace
@@ -281,12 +330,8 @@ def demo(*, out: Annotated[Path, Parameter(help="Folder to write into.")] = Path
         from jaxmocap.workflows.calibrate import demo_photos
 
         folder, known = demo_photos()
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(f"--out {out}: the folder cannot be made ({error.strerror}); name another") from None
         result = solve(
-            sorted(folder.glob("*.jpg")),
+            folder,
             known["board"],
             known["square"],
             command=_command(),
@@ -294,7 +339,11 @@ def demo(*, out: Annotated[Path, Parameter(help="Folder to write into.")] = Path
         )
         return replace(result, truth=known["camera"])
 
-    return _run(job, camera, report, None, None)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        return _failed(f"--out {out}: the folder cannot be made ({error.strerror}); name another", WRONG_INPUT)
+    return _run(job, _Outputs(out / "camera.toml", out / "report.html"), [])
 
 
 if __name__ == "__main__":

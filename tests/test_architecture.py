@@ -39,6 +39,8 @@ SOURCED_WHOLLY = ("geometry", "cameras", "closed_forms")
 SOURCED_LISTED = ("optim", "filtering", "bodies", "reconstruction", "calibration", "tracking")
 HELPERS = {
     "geometry.projective.homogeneous": "appends a 1",
+    "geometry.projective.similarity_inverse": "inverts a matrix",
+    "geometry.projective.determinant": "multiplies out",
     "cameras.rig.stack_cameras": "stacks arrays",
     "cameras.rig.camera_of": "indexes arrays",
     "cameras.distortion.parameter_names": "names of fields",

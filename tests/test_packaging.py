@@ -1,10 +1,10 @@
 """What pip and a shell see of the package."""
 
+import resource
 import shutil
 import statistics
 import subprocess
 import sys
-import time
 import tomllib
 from pathlib import Path
 
@@ -44,10 +44,12 @@ def test_help_comes_within_half_a_second():
     beside = shutil.which("jaxmocap", path=str(Path(sys.executable).parent))
     if beside is not None:
         command = [beside, "--help"]
+    # Processor time, not wall time: other tests run beside this one. --help has one thread, so they agree otherwise.
     seconds, out = [], ""
     for _ in range(3):
-        start = time.perf_counter()
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         out = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout
-        seconds.append(time.perf_counter() - start)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
     assert "calibrate" in out
     assert statistics.median(seconds) < 0.5

@@ -6,7 +6,13 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import Matrix3, Vector3
-from jaxmocap.geometry.projective import normalising_transform, rq, smallest_singular_vector
+from jaxmocap.geometry.projective import (
+    determinant,
+    normalising_transform,
+    rq,
+    similarity_inverse,
+    smallest_singular_vector,
+)
 
 
 def fit_projection_linear(
@@ -35,7 +41,7 @@ def fit_projection_linear(
     )
     rows = jnp.where(jnp.concatenate([mask, mask])[:, None], rows, 0.0)
     P = smallest_singular_vector(rows).reshape(3, 4)
-    P = jnp.linalg.inv(T) @ P @ U
+    P = similarity_inverse(T) @ P @ U
     depth = jnp.sum(jnp.where(mask, points @ P[2, :3] + P[2, 3], 0.0))
     return P * jnp.where(depth < 0, -1.0, 1.0) / jnp.linalg.norm(P)
 
@@ -71,7 +77,7 @@ def refine_projection(
     T, U = normalising_transform(uv, mask), normalising_transform(points, mask)
     m = uv * T[0, 0] + T[:2, 2][None, :]
     M = points * U[0, 0] + U[:3, 3][None, :]
-    start = T @ P @ jnp.linalg.inv(U)
+    start = T @ P @ similarity_inverse(U)
     start = start / jnp.linalg.norm(start)
 
     def residual(p: Float[Array, "3 4"], args: None) -> tuple[Array, Array]:
@@ -82,7 +88,7 @@ def refine_projection(
 
     solver = optx.LevenbergMarquardt(rtol=1e-12, atol=1e-12)
     best = optx.least_squares(residual, solver, start, max_steps=200, throw=False).value
-    best = jnp.linalg.inv(T) @ best @ U
+    best = similarity_inverse(T) @ best @ U
     return best / jnp.linalg.norm(best)
 
 
@@ -97,6 +103,6 @@ def decompose_projection(P: Float[Array, "3 4"]) -> tuple[Matrix3, Matrix3, Vect
     Source: optical tracking document, eq. 4.26 and 4.4.3.
     """
     M = P[:, :3]
-    M = M * jnp.where(jnp.linalg.det(M) < 0, -1.0, 1.0)
+    M = M * jnp.where(determinant(M) < 0, -1.0, 1.0)
     K, R = rq(M)
     return K / K[2, 2], R, -jnp.linalg.solve(P[:, :3], P[:, 3])

@@ -6,7 +6,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import Matrix3, Vector2
-from jaxmocap.geometry.projective import normalising_transform, smallest_singular_vector
+from jaxmocap.geometry.projective import normalising_transform, similarity_inverse, smallest_singular_vector
 
 
 def apply_homography(H: Matrix3, xy: Vector2) -> Vector2:
@@ -40,7 +40,7 @@ def fit_homography_linear(
         ]
     )
     rows = jnp.where(jnp.concatenate([mask, mask])[:, None], rows, 0.0)
-    H = jnp.linalg.inv(T) @ smallest_singular_vector(rows).reshape(3, 3) @ U
+    H = similarity_inverse(T) @ smallest_singular_vector(rows).reshape(3, 3) @ U
     depth = jnp.sum(jnp.where(mask, xy @ H[2, :2] + H[2, 2], 0.0))
     return H * jnp.where(depth < 0, -1.0, 1.0) / jnp.linalg.norm(H)
 
@@ -63,7 +63,7 @@ def refine_homography(
     T, U = normalising_transform(uv, mask), normalising_transform(xy, mask)
     m = uv * T[0, 0] + T[:2, 2][None, :]
     M = xy * U[0, 0] + U[:2, 2][None, :]
-    start = T @ H @ jnp.linalg.inv(U)
+    start = T @ H @ similarity_inverse(U)
     start = start / jnp.linalg.norm(start)
 
     def residual(h: Matrix3, args: None) -> tuple[Array, Array]:
@@ -73,5 +73,5 @@ def refine_homography(
 
     solver = optx.LevenbergMarquardt(rtol=1e-10, atol=1e-10)
     best = optx.least_squares(residual, solver, start, max_steps=50, throw=False).value
-    best = jnp.linalg.inv(T) @ best @ U
+    best = similarity_inverse(T) @ best @ U
     return best / jnp.linalg.norm(best)

@@ -95,7 +95,7 @@ def start_camera(
     sample = _take_views(few, chosen, _VIEWS)
     candidates: list[Lens] = []
     if flat[use].any():
-        many, real = steps.candidate_lenses(*sample, float(image_size[0]), float(image_size[1]))
+        many, real = steps.candidate_lenses(steps.homographies(*sample[:4]), *sample, float(image_size[0]), float(image_size[1]))
         candidates += [jax.tree.map(lambda x, k=k: np.asarray(x)[k], many) for k in np.flatnonzero(real)]
     if solid.any():
         candidates.append(steps.solid_start(*_take_views(few[:3], np.flatnonzero(solid)[:_VIEWS], _VIEWS))[0])
@@ -115,7 +115,8 @@ def _poses(
     lens: Lens, points: np.ndarray, uv: np.ndarray, seen: np.ndarray, T_plane_target: np.ndarray, flat: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """T_camera_target of each view as 4x4 matrices, and the sums of squared residuals [px^2]."""
-    starts = steps.flat_poses(lens, points, uv, seen, T_plane_target)
+    H = steps.homographies(points, uv, seen, T_plane_target)
+    starts = steps.flat_poses(lens, H, points, seen, T_plane_target)
     if not flat[seen.any(axis=1)].all():
         _, rotvec, translation = steps.solid_start(points, uv, seen)
         pick = lambda a, b: np.where(flat[:, None, None], a, np.asarray(b)[:, None, :])  # noqa: E731

@@ -74,7 +74,19 @@ def _candidates(H: Array, use: Array, width: Array, height: Array) -> tuple[Arra
 
 
 @jax.jit
+def homographies(
+    points: Float[Array, "views points 3"],
+    uv: Float[Array, "views points 2"],
+    seen: Bool[Array, "views points"],
+    T_plane_target: Float[Array, "views 4 4"],
+) -> Float[Array, "views 3 3"]:
+    """Homography of each flat view, from its own plane to the image. Source: eq. 4.30-4.31."""
+    return jax.vmap(fit_homography_linear)(jax.vmap(_on_plane)(T_plane_target, points), uv, seen)
+
+
+@jax.jit
 def candidate_lenses(
+    H: Float[Array, "views 3 3"],
     points: Float[Array, "views points 3"],
     uv: Float[Array, "views points 2"],
     seen: Bool[Array, "views points"],
@@ -91,7 +103,6 @@ def candidate_lenses(
     """
     use = flat & (jnp.sum(seen, axis=1) >= 4)
     mask = seen & use[:, None]
-    H = jax.vmap(fit_homography_linear)(jax.vmap(_on_plane)(T_plane_target, points), uv, mask)
     K, real = _candidates(H, use, jnp.asarray(width), jnp.asarray(height))
     zero = jnp.zeros(())
 
@@ -139,8 +150,8 @@ def solid_start(
 @jax.jit
 def flat_poses(
     lens: Lens,
+    H: Float[Array, "views 3 3"],
     points: Float[Array, "views points 3"],
-    uv: Float[Array, "views points 2"],
     seen: Bool[Array, "views points"],
     T_plane_target: Float[Array, "views 4 4"],
 ) -> Pose:
@@ -149,12 +160,7 @@ def flat_poses(
     Source: optical tracking document, end of 4.4.5; Schweighofer and Pinz 2006.
     """
     K = lens.intrinsics.matrix()
-    centres = _centres(points, seen)
-
-    def one(p: Array, u: Array, m: Array, T: Array, centre: Array) -> Pose:
-        return _both_poses(K, fit_homography_linear(_on_plane(T, p), u, m), T, centre)
-
-    return jax.vmap(one)(points, uv, seen, T_plane_target, centres)
+    return jax.vmap(_both_poses, (None, 0, 0, 0))(K, H, T_plane_target, _centres(points, seen))
 
 
 @jax.jit

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from jaxmocap._arrays import Flag, Matrix3
 from jaxmocap.cameras import Intrinsics
 from jaxmocap.geometry import Pose, rotation
-from jaxmocap.geometry.projective import smallest_singular_vector
+from jaxmocap.geometry.projective import determinant, similarity_inverse, smallest_singular_vector
 
 
 def conic_rows(H: Matrix3) -> Float[Array, "2 6"]:
@@ -52,9 +52,9 @@ def intrinsics_from_conic(b: Float[Array, "6"]) -> tuple[Intrinsics, Flag]:
     B = jnp.stack(
         [jnp.stack([b[0], b[1], b[3]]), jnp.stack([b[1], b[2], b[4]]), jnp.stack([b[3], b[4], b[5]])]
     )
-    determinant = b[0] * b[2] - b[1] * b[1]
-    real = (b[0] > 0) & (determinant > 0) & (jnp.linalg.det(B) > 0)
-    det = jnp.where(real, determinant, 1.0)
+    minor = b[0] * b[2] - b[1] * b[1]
+    real = (b[0] > 0) & (minor > 0) & (determinant(B) > 0)
+    det = jnp.where(real, minor, 1.0)
     b11 = jnp.where(real, b[0], 1.0)
     cy = (b[1] * b[3] - b[0] * b[4]) / det
     scale = b[5] - (b[3] * b[3] + cy * (b[1] * b[3] - b[0] * b[4])) / b11
@@ -102,7 +102,7 @@ def fit_intrinsics_linear(
         V = jnp.concatenate([V, no_skew])
     b = smallest_singular_vector(V)
     found, real = intrinsics_from_conic(b)
-    K = jnp.linalg.inv(N) @ found.matrix()
+    K = similarity_inverse(N) @ found.matrix()
     result = Intrinsics.from_matrix(K)
     if not skew:
         result = Intrinsics(result.fx, result.fy, result.cx, result.cy, jnp.zeros_like(result.fx))
@@ -158,7 +158,9 @@ def pose_from_homography(K: Matrix3, H: Matrix3) -> Pose:
         T_camera_board; the board is in front of the camera.
     Source: optical tracking document, eq. 4.33 and the end of 4.4.5.
     """
-    G = jnp.linalg.solve(K, H)
+    # K^-1 H in closed form: K is upper triangular.
+    y = (H[1] - K[1, 2] * H[2]) / K[1, 1]
+    G = jnp.stack([(H[0] - K[0, 2] * H[2] - K[0, 1] * y) / K[0, 0], y, H[2]])
     G = G * jnp.where(G[2, 2] < 0, -1.0, 1.0)
     scale = 2.0 / (jnp.linalg.norm(G[:, 0]) + jnp.linalg.norm(G[:, 1]))
     G = G * scale
@@ -217,7 +219,12 @@ def fit_distortion_linear(
     d = (seen_uv - ideal_uv).reshape(-1)
     keep = jnp.repeat(mask, 2)
     D, d = jnp.where(keep[:, None], D, 0.0), jnp.where(keep, d, 0.0)
+    # Two unknowns: the normal equations of unit columns, by Cramer's rule; no distortion where they are singular.
     size = jnp.sqrt(jnp.sum(D * D, axis=0))
     size = jnp.where(size > 0, size, 1.0)
-    k = jnp.linalg.lstsq(D / size[None, :], d)[0] / size
-    return k[0], k[1]
+    D = D / size[None, :]
+    mixed, right = jnp.sum(D[:, 0] * D[:, 1]), jnp.sum(D * d[:, None], axis=0)
+    determined = 1.0 - mixed * mixed > 1e-12
+    divisor = jnp.where(determined, 1.0 - mixed * mixed, 1.0)
+    k1, k2 = (right[0] - mixed * right[1]) / divisor, (right[1] - mixed * right[0]) / divisor
+    return jnp.where(determined, k1 / size[0], 0.0), jnp.where(determined, k2 / size[1], 0.0)

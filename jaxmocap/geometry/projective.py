@@ -36,6 +36,19 @@ def normalising_transform(points: Float[Array, "points d"], mask: Bool[Array, "p
     return jnp.concatenate([top, jnp.zeros((1, d + 1), points.dtype).at[0, d].set(1.0)])
 
 
+def similarity_inverse(T: Float[Array, "d1 d1"]) -> Float[Array, "d1 d1"]:
+    """Inverse of a scaling and a shift, as `normalising_transform` makes them, in closed form."""
+    d = T.shape[0] - 1
+    scale = 1.0 / T[0, 0]
+    top = jnp.concatenate([scale * jnp.eye(d, dtype=T.dtype), -scale * T[:d, d:]], axis=1)
+    return jnp.concatenate([top, jnp.zeros((1, d + 1), T.dtype).at[0, d].set(1.0)])
+
+
+def determinant(M: Matrix3) -> Float[Array, ""]:
+    """Determinant of a 3x3 matrix, written out: a factorisation takes long to compile and is no more accurate."""
+    return jnp.sum(M[0] * jnp.cross(M[1], M[2]))
+
+
 def smallest_singular_vector(A: Float[Array, "rows columns"]) -> Float[Array, "columns"]:
     """Unit vector x that minimises |A x|.
 

@@ -249,7 +249,8 @@ def nearest_rotation(M: Matrix3) -> Matrix3:
     Source: optical tracking document, 4.4.5 (re-orthonormalisation); Arun, Huang, Blostein 1987.
     """
     U, _, Vt = jnp.linalg.svd(M)
-    sign = jnp.sign(jnp.linalg.det(U @ Vt))
+    # Determinants are +-1; written out, they need no factorisation.
+    sign = jnp.sign(jnp.sum(U[0] * jnp.cross(U[1], U[2])) * jnp.sum(Vt[0] * jnp.cross(Vt[1], Vt[2])))
     return (U * jnp.stack([jnp.ones_like(sign), jnp.ones_like(sign), sign])[None, :]) @ Vt
 
 

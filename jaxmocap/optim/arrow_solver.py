@@ -99,9 +99,9 @@ def _finite(y: Flat) -> Bool[Array, ""]:
 class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     r"""Levenberg-Marquardt on blocks.
 
-    Settles when the decrease still predicted along the step, were it not damped, is below `rtol` of the cost or below
-    `atol` (the cost is in units of sigma^2, so 1e-20 is a step of 1e-10 sigma). A trial whose predicted decrease is lost in the rounding of the
-    cost counts as settled, not as a rejection.
+    Settles when the decrease still predicted along the step, were it not damped, is below `rtol` of the cost or
+    below `atol` (the cost is in units of sigma^2, so 1e-20 is a step of 1e-10 sigma). A trial whose predicted
+    decrease is lost in the rounding of the cost counts as settled, not as a rejection.
 
     Source: optical tracking document, algorithm 3; More 1978; Nielsen 1999 (damping schedule).
     """

@@ -3,10 +3,10 @@
     [ H_ss  H_sl ] [ d_s ]     [ g_s ]        H_ss (ns, ns), H_ls[i] (nl, ns), H_ll[i] (nl, nl)
     [ H_ls  H_ll ] [ d_l ] = - [ g_l ]        one H_ll and one H_ls per block, nothing between blocks
 
-Each leaf is pushed forward alone with every other leaf closed over, so the tangents of what does not depend on it
-are symbolic zeros and cost nothing. Blocks are taken in chunks that fit the processor's second-level cache: the
-Jacobian of a chunk is made, multiplied up and forgotten there. For the bar problem at 25,000 blocks this takes
-48 ms where the same operations on all blocks at once take 350 ms, and the memory is that of the products.
+The residuals are linearised once; then each leaf is pushed alone through the linear part with every other leaf
+closed over, so that the tangents of what does not depend on it are symbolic zeros and cost nothing. Blocks are taken
+in chunks that fit the processor's second-level cache: the Jacobian of a chunk is made, multiplied up and forgotten
+there, and the memory is that of the products.
 """
 
 from collections.abc import Callable
@@ -20,8 +20,9 @@ from jaxtyping import Array, Float, PyTree
 
 from jaxmocap.optim.packing import ArrowVariables, Flat, Layout, unflatten_last
 
-_CACHE_BYTES = 2**19  # half of a common 1 MiB second-level cache, the rest is for the products
+_CACHE_BYTES = 2**18  # a quarter of a common 1 MiB second-level cache, the rest is for coefficients and products
 _LARGEST_CHUNK = 512
+_UNROLL_ROWS = 48  # up to here products are written out row by row; above, one block at a time by matrix products
 
 
 class ArrowProblem(eqx.Module):
@@ -104,16 +105,17 @@ def block_jacobians(
     """Residuals and their derivatives by the free shared and local numbers; block axes last."""
     shared, shared_def = jax.tree.flatten(y.shared)
     local, local_def = jax.tree.flatten(y.local)
-    r = residuals(problem, y, data)
 
-    def of_shared(leaves: list[Array]) -> Array:
-        return residuals(problem, ArrowVariables(jax.tree.unflatten(shared_def, leaves), y.local), data)
+    def of_leaves(shared: list[Array], local: list[Array]) -> Array:
+        both = ArrowVariables(jax.tree.unflatten(shared_def, shared), jax.tree.unflatten(local_def, local))
+        return residuals(problem, both, data)
 
-    def of_local(leaves: list[Array]) -> Array:
-        return residuals(problem, ArrowVariables(y.shared, jax.tree.unflatten(local_def, leaves)), data)
-
-    by_shared = _push_leaves(of_shared, shared, layout.shared, 0)
-    by_local = _push_leaves(of_local, local, layout.local, 1)
+    # Pushing leaves through the linear part instead of through the residuals: nothing non-linear is evaluated or
+    # compiled more than once. Bar problem, 25,000 blocks, CPU time: 28 -> 10 ms; compile 4.2 -> 3.4 s.
+    r, push = jax.linearize(of_leaves, shared, local)
+    no_shared, no_local = jax.tree.map(jnp.zeros_like, (shared, local))
+    by_shared = _push_leaves(lambda leaves: push(leaves, no_local), no_shared, layout.shared, 0)
+    by_local = _push_leaves(lambda leaves: push(no_shared, leaves), no_local, layout.local, 1)
     empty = jnp.zeros((0, *r.shape), r.dtype)
     return (
         r,
@@ -122,19 +124,36 @@ def block_jacobians(
     )
 
 
-def _products(r: Array, J_s: Array, J_l: Array) -> NormalEquations:
-    wide = J_s.reshape(J_s.shape[0], r.size)
+def _products(r: Array, J_s: Array, J_l: Array, counts: Array | None) -> NormalEquations:
+    """Products of a chunk's Jacobian; blocks for which `counts` is 0 are left out of the sums."""
+    ns, nl, rows = J_s.shape[0], J_l.shape[0], r.shape[0]
+    if rows > _UNROLL_ROWS:  # the chunk is one block
+        # All products in one: 200 blocks of 560 rows take 4.7 ms of CPU where sums over the rows take 14.
+        J = jnp.concatenate([J_s, J_l, r[None]]).reshape(-1, rows)
+        G, at = J @ J.T, ns + nl
+        return NormalEquations(G[:ns, :ns], G[ns:at, :ns, None], G[ns:at, ns:at, None], G[:ns, at], G[ns:at, at, None])
+
+    # A sum over a middle axis is not vectorised; written out it is. 9 rows: 6.1 -> 1.8 ms, 40 rows: 29 -> 8 ms.
+    def over_rows(term: Callable[[int], Array]) -> Array:
+        return sum((term(k) for k in range(1, rows)), term(0))
+
+    wide = (J_s if counts is None else J_s * counts[None, None]).reshape(ns, r.size)
     return NormalEquations(
-        ss=wide @ wide.T,
-        ls=jnp.sum(J_l[:, None] * J_s[None], axis=2),
-        ll=jnp.sum(J_l[:, None] * J_l[None], axis=2),
+        ss=wide @ J_s.reshape(ns, r.size).T,
+        ls=over_rows(lambda k: J_l[:, None, k] * J_s[None, :, k]),
+        ll=over_rows(lambda k: J_l[:, None, k] * J_l[None, :, k]),
         g_s=wide @ r.reshape(-1),
-        g_l=jnp.sum(J_l * r[None], axis=1),
+        g_l=over_rows(lambda k: J_l[:, k] * r[None, k]),
     )
 
 
 def chunk_size(columns: int, rows: int, blocks: int) -> int:
-    """Blocks per chunk: as many as keep the chunk's Jacobian in cache, a power of two from 8 to 512."""
+    """Blocks per chunk: as many as keep the chunk's Jacobian in cache, a power of two from 8 to 512.
+
+    Blocks with many rows come one by one: their rows are vectors long enough.
+    """
+    if rows > _UNROLL_ROWS:
+        return 1
     fit = _CACHE_BYTES // (8 * max(columns * rows, 1))
     size = 2 ** max(fit, 8).bit_length() // 2
     return max(1, min(size, _LARGEST_CHUNK, blocks))
@@ -162,6 +181,29 @@ def join_chunks(tree: PyTree, blocks: int) -> PyTree:
     return jax.tree.map(join, tree)
 
 
+def chunk_start(chunk: Array, size: int, blocks: int) -> tuple[Array, Array | None]:
+    """First block of a chunk, and which of its blocks count (None: all).
+
+    The last chunk is moved back so that it ends with the last block; what it shares with the chunk before counts
+    there. Cutting chunks where they lie saves the copies that stacking them would need.
+    """
+    start = chunk * size
+    if blocks % size == 0:
+        return start, None
+    moved = jnp.minimum(start, blocks - size)
+    return moved, (moved + jnp.arange(size, dtype=moved.dtype) >= start).astype(float)
+
+
+def cut_chunk(tree: PyTree, start: Array, size: int) -> PyTree:
+    """The blocks of one chunk; block axes last."""
+    return jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, start, size, -1), tree)
+
+
+def put_chunk(tree: PyTree, chunk: PyTree, start: Array) -> PyTree:
+    """The arrays with one chunk written; inside a loop this happens in place."""
+    return jax.tree.map(lambda x, c: jax.lax.dynamic_update_slice_in_dim(x, c, start, -1), tree, chunk)
+
+
 def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVariables, data: ArrowData):
     """Normal equations at a point.
 
@@ -181,22 +223,20 @@ def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVari
     rows = jax.eval_shape(lambda: residuals(problem, y, data)).shape[0]
     ns, nl = layout.shared_size, layout.local_size
     size = chunk_size(ns + nl, rows, blocks)
-    weight = split_chunks(data.weight, size)
-    # The repeated last block must not count twice.
-    counts = np.arange(weight.size).reshape(weight.shape) < blocks
-    chunks = (split_chunks((y.local, data.blocks), size), jnp.where(counts, weight, 0.0))
 
-    def body(total: tuple[Array, Array], chunk: Any):
-        (local, block_data), w = chunk
-        part = ArrowData(block_data, data.common, w)
-        r, J_s, J_l = block_jacobians(problem, layout, ArrowVariables(y.shared, local), part)
+    def body(chunk: Array, total: NormalEquations) -> NormalEquations:
+        start, counts = chunk_start(chunk, size, blocks)
+        part = ArrowData(cut_chunk(data.blocks, start, size), data.common, cut_chunk(data.weight, start, size))
+        point = ArrowVariables(y.shared, cut_chunk(y.local, start, size))
+        r, J_s, J_l = block_jacobians(problem, layout, point, part)
         # Without the barrier XLA recomputes the Jacobian inside every product.
-        n = _products(*jax.lax.optimization_barrier((r, J_s, J_l)))
-        return (total[0] + n.ss, total[1] + n.g_s), (n.ls, n.ll, n.g_l)
+        n = _products(*jax.lax.optimization_barrier((r, J_s, J_l)), counts)
+        ls, ll, g_l = put_chunk((total.ls, total.ll, total.g_l), (n.ls, n.ll, n.g_l), start)
+        return NormalEquations(ss=total.ss + n.ss, ls=ls, ll=ll, g_s=total.g_s + n.g_s, g_l=g_l)
 
-    zero = (jnp.zeros((ns, ns), flat.shared.dtype), jnp.zeros((ns,), flat.shared.dtype))
-    (ss, g_s), per_chunk = jax.lax.scan(body, zero, chunks)
-    ls, ll, g_l = join_chunks(per_chunk, blocks)
+    shapes = ((ns, ns), (nl, ns, blocks), (nl, nl, blocks), (ns,), (nl, blocks))
+    zero = NormalEquations(*(jnp.zeros(shape, flat.shared.dtype) for shape in shapes))
+    n = jax.lax.fori_loop(0, -(-blocks // size), body, zero)
     if problem.prior is not None:
         shared, shared_def = jax.tree.flatten(y.shared)
         q = prior_residuals(problem, y.shared, data)
@@ -208,5 +248,5 @@ def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVari
                 0,
             )
         )
-        ss, g_s = ss + J @ J.T, g_s + J @ q
-    return NormalEquations(ss=ss, ls=ls, ll=ll, g_s=g_s, g_l=g_l)
+        n = NormalEquations(ss=n.ss + J @ J.T, ls=n.ls, ll=n.ll, g_s=n.g_s + J @ q, g_l=n.g_l)
+    return n

@@ -2,7 +2,7 @@
 
     S = H_ss + lambda D_s - sum_i W_i^T W_i,       W_i = L_i^-1 H_ls[i],   L_i L_i^T = H_ll[i] + lambda D_l[i]
     S d_s = -(g_s - sum_i W_i^T w_i),              w_i = L_i^-1 g_l[i]
-    d_l[i] = -L_i^-T (w_i + W_i d_s)
+    d_l[i] = -L_i^-T L_i^-1 (g_l[i] + H_ls[i] d_s)
 
 Work is split into three tiers: once per problem (layout), once per accepted point (`linearise`), once per trial
 damping (this file). Small blocks are factorised by scalar formulas written out over vectors of blocks: a batched
@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmocap.optim.linearise import NormalEquations, chunk_size, join_chunks, split_chunks
+from jaxmocap.optim.linearise import NormalEquations, chunk_size, chunk_start, cut_chunk, put_chunk
 from jaxmocap.optim.packing import Flat
 
 _UNROLL_UP_TO = 12  # n^3/6 scalar operations are written out; beyond this, compiling takes longer than it saves
@@ -72,6 +72,58 @@ def backward_blocks(L: Float[Array, "n n blocks"], B: Float[Array, "n m blocks"]
     return jnp.stack(rows) if n else B
 
 
+def _eliminate_rows(M: Float[Array, "n width blocks"]) -> list[Float[Array, "_ blocks"]]:
+    """Rows j of L^-1 [A B] from column j on, for M = [A B] with A = L L^T: row j is L[j:, j] and then row j of L^-1 B.
+
+    Whole rows at a time: a third fewer operations to compile than scalar by scalar, and 40 -> 22 ms of CPU for
+    25,000 blocks of 6 rows and 19 right-hand sides.
+    """
+    rows: list[Array] = []
+    for j in range(M.shape[0]):
+        row = M[j, j:]
+        for k in range(j):
+            row = row - rows[k][j - k][None] * rows[k][j - k :]
+        # Without the barrier XLA recomputes earlier rows inside later ones.
+        row = jax.lax.optimization_barrier(row)
+        rows.append(row / jnp.sqrt(row[0])[None])
+    return rows
+
+
+def _factor(ll: Array, right: Array) -> tuple[Float[Array, "n n blocks"], Float[Array, "n m blocks"]]:
+    """Cholesky factors L of the blocks, and L^-1 right."""
+    n = ll.shape[0]
+    if n > _UNROLL_UP_TO or not n:
+        L = cholesky_blocks(ll)
+        return L, forward_blocks(L, right)
+    rows = _eliminate_rows(jnp.concatenate([ll, right], axis=1))
+    columns = [jnp.pad(row[: n - j], [(j, 0), (0, 0)]) for j, row in enumerate(rows)]
+    return jnp.stack(columns, axis=1), jnp.stack([row[n - j :] for j, row in enumerate(rows)])
+
+
+def _reduce(
+    normal: NormalEquations, add_l: Float[Array, "nl blocks"], keep_W: bool
+) -> tuple[tuple[Array, ...], Float[Array, "n n"]]:
+    """(L,) or (L, W, w), and the sum of [W w]^T [W w] over all blocks."""
+    nl, ns, blocks = normal.ls.shape
+    size = chunk_size(nl + ns, 2 * (nl + 1), blocks)
+    dtype = normal.ll.dtype
+
+    def body(chunk: Array, total: tuple[tuple[Array, ...], Array]):
+        start, counts = chunk_start(chunk, size, blocks)
+        ll, ls, g_l, add = cut_chunk((normal.ll, normal.ls, normal.g_l, add_l), start, size)
+        damped = ll + jnp.eye(nl, dtype=dtype)[:, :, None] * add[:, None]
+        L, right = jax.lax.optimization_barrier(_factor(damped, jnp.concatenate([ls, g_l[:, None]], axis=1)))
+        wide = jnp.moveaxis(right, 1, 0)
+        once = wide if counts is None else jnp.where(counts[None, None] > 0, wide, 0.0)
+        products = once.reshape(ns + 1, -1) @ wide.reshape(ns + 1, -1).T
+        new = (L, right[:, :ns], right[:, ns]) if keep_W else (L,)
+        return put_chunk(total[0], new, start), total[1] + products
+
+    shapes = ((nl, nl, blocks), (nl, ns, blocks), (nl, blocks))[: 3 if keep_W else 1]
+    zero = (tuple(jnp.zeros(s, dtype) for s in shapes), jnp.zeros((ns + 1, ns + 1), dtype))
+    return jax.lax.fori_loop(0, -(-blocks // size), body, zero)
+
+
 def eliminate(
     normal: NormalEquations, add_l: Float[Array, "nl blocks"]
 ) -> tuple[BlockFactors, Float[Array, "ns ns"], Float[Array, "ns"]]:
@@ -80,24 +132,8 @@ def eliminate(
     Returns:
         factors, sum_i W_i^T W_i, sum_i W_i^T w_i.
     """
-    nl, ns, blocks = normal.ls.shape
-    size = chunk_size(nl + ns, 2 * (nl + 1), blocks)
-    arrays = (normal.ll, normal.ls, normal.g_l, add_l, jnp.ones((blocks,), normal.ll.dtype))
-    chunks = split_chunks(arrays, size)
-    counts = jnp.arange(chunks[4].size).reshape(chunks[4].shape) < blocks
-
-    def body(total: tuple[Array, Array], chunk: tuple[Array, ...]):
-        ll, ls, g_l, add, count = chunk
-        L = cholesky_blocks(ll + jnp.eye(nl, dtype=ll.dtype)[:, :, None] * add[:, None])
-        right = forward_blocks(L, jnp.concatenate([ls, g_l[:, None]], axis=1))
-        W, w = right[:, :ns], right[:, ns]
-        # The repeated last block of the last chunk must not count twice.
-        flat_W = jnp.moveaxis(jnp.where(count[None, None], W, 0.0), 1, 0).reshape(ns, w.size)
-        return (total[0] + flat_W @ flat_W.T, total[1] + flat_W @ w.reshape(-1)), (L, W, w)
-
-    zero = (jnp.zeros((ns, ns), normal.ss.dtype), jnp.zeros((ns,), normal.ss.dtype))
-    (taken, taken_g), per_chunk = jax.lax.scan(body, zero, (*chunks[:4], counts))
-    return BlockFactors(*join_chunks(per_chunk, blocks)), taken, taken_g
+    factors, products = _reduce(normal, add_l, keep_W=True)
+    return BlockFactors(*factors), products[:-1, :-1], products[:-1, -1]
 
 
 def damped_step(
@@ -118,14 +154,15 @@ def damped_step(
         d; NaN where the matrix is not positive definite.
     Source: Triggs et al., Bundle Adjustment, 2000, section 6.1; Marquardt 1963.
     """
-    factors, taken, taken_g = eliminate(normal, damping * D_l)
+    # W is not kept: writing and reading (nl, ns, blocks) numbers takes longer than solving with L once more.
+    (L,), taken = _reduce(normal, damping * D_l, keep_W=False)
     if normal.ss.shape[0]:
-        S = normal.ss + jnp.diag(damping * D_s) - taken
-        d_s = -solve_positive(S, normal.g_s - taken_g)
+        S = normal.ss + jnp.diag(damping * D_s) - taken[:-1, :-1]
+        d_s = -solve_positive(S, normal.g_s - taken[:-1, -1])
     else:
         d_s = jnp.zeros_like(normal.g_s)
-    coupled = factors.w + jnp.sum(factors.W * d_s[None, :, None], axis=1)
-    d_l = -backward_blocks(factors.L, coupled[:, None])[:, 0]
+    gradient = normal.g_l + jnp.stack([d_s @ row for row in normal.ls]) if normal.ls.shape[0] else normal.g_l
+    d_l = -backward_blocks(L, forward_blocks(L, gradient[:, None]))[:, 0]
     return Flat(d_s, d_l)
 
 

@@ -10,14 +10,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmocap.calibration.boards import TargetViews, parameter_names, residual_pixels
+from jaxmocap.calibration.boards import TargetViews, parameter_names
+from jaxmocap.calibration.describe import RigDescription, describe
 from jaxmocap.calibration.evidence import CameraEvidence, Weakness, board_attitude, real_radius_px
 from jaxmocap.calibration.weakness import find_weaknesses
 from jaxmocap.cameras import Camera
-from jaxmocap.geometry import Pose, rotation
+from jaxmocap.geometry import Pose
 from jaxmocap.io import NamedCamera, RigFile, json_bytes, rig_text, write_many
 from jaxmocap.optim import ArrowVariables
-from jaxmocap.optim.robust import weight as robust_weight
 from jaxmocap.report import (
     CalibrationReport,
     CameraReport,
@@ -94,9 +94,14 @@ class CalibrationResult:
         return out
 
     @cached_property
+    def numbers(self) -> RigDescription:
+        """Residuals, poses and camera numbers as plain arrays."""
+        return describe(self.estimate.value, self.views)
+
+    @property
     def residual(self) -> np.ndarray:
         """Measured minus predicted pixels, (views, cameras, points, 2); zero where nothing was seen."""
-        return np.asarray(residual_pixels(self.estimate.value, self.views))
+        return self.numbers.residual
 
     @cached_property
     def visible(self) -> np.ndarray:
@@ -118,14 +123,14 @@ class CalibrationResult:
         if not self.settings.robust:
             return 0
         s = np.sum(self.residual**2, axis=-1) / np.asarray(self.views.seen.sigma) ** 2
-        w = np.asarray(robust_weight("cauchy", jnp.asarray(s), self.estimate.stats["loss_width"]))
+        w = 1.0 / (1.0 + s / float(self.estimate.stats["loss_width"]) ** 2)  # weight of the Cauchy loss
         return int(np.sum((w < _REJECTED_BELOW) & self.visible))
 
     def camera(self, index: int = 0) -> Camera:
         """One calibrated camera; the world is the first camera."""
         lens = self.estimate.value.shared.lenses[index]
-        pose = Pose.identity() if index == 0 else self.estimate.value.shared.T_camera_rig[index - 1]
-        return Camera(lens.intrinsics, lens.distortion, pose.canonical(), self.image_sizes[index])
+        pose = Pose(jnp.asarray(self.numbers.rotvec_camera_rig[index]), jnp.asarray(self.numbers.t_camera_rig[index]))
+        return Camera(lens.intrinsics, lens.distortion, pose, self.image_sizes[index])
 
     # --- files ---------------------------------------------------------------------------------------------------
 
@@ -193,14 +198,13 @@ class CalibrationResult:
         }  # fmt: skip
 
     def _camera_dict(self, k: int) -> dict[str, Any]:
-        camera = self.camera(k)
         numbers = self._numbers(k)
         return {
             "name": self.cameras[k],
             "size": list(self.image_sizes[k]),
             **{n: numbers[n] for n in ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "k3", "p1", "p2")},
-            "rotation": np.asarray(camera.T_camera_world.rotvec).tolist(),
-            "translation": np.asarray(camera.T_camera_world.translation).tolist(),
+            "rotation": self.numbers.rotvec_camera_rig[k].tolist(),
+            "translation": self.numbers.t_camera_rig[k].tolist(),
             "sigma": self.sigma[self.cameras[k]],
             "sigma_plain": self.sigma_plain[self.cameras[k]],
             "rms_px": self._rms(self._mask(k)),
@@ -265,19 +269,14 @@ class CalibrationResult:
         return tuple(out)
 
     def _view(self, i: int, k: int, name: str, points: np.ndarray, seen: np.ndarray) -> ViewReport:
-        T = self.camera(k).T_camera_world.compose(
-            Pose(self.estimate.value.local.rotvec[i], self.estimate.value.local.translation[i])
-        )
-        R, t = np.asarray(rotation.exp(T.rotvec)), np.asarray(T.translation)
+        R, t = self.numbers.R_camera_target[i, k], self.numbers.t_camera_target[i, k]
         tilt, direction, depth = board_attitude(R, R @ points.mean(axis=0) + t)
         uv, residual = np.asarray(self.views.seen.uv)[i, k][seen], self.residual[i, k][seen]
         rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
         return ViewReport(name, k, uv, residual, rms, tilt, direction, depth)
 
     def _camera_report(self, k: int) -> CameraReport:
-        lens = self.estimate.value.shared.lenses[k]
-        K, d = np.asarray(lens.intrinsics.matrix()), np.asarray(lens.distortion.vector())
-        limit = float(np.sqrt(lens.distortion.valid_radius_squared()))
+        K, d, limit = self.numbers.K[k], self.numbers.distortion[k], self.numbers.ideal_limit[k]
         columns = [i for i, (camera, name) in enumerate(parameter_names(self.free)) if camera == k and name in _LENS]
         covariance = np.asarray(self.estimate.covariance.shared())[np.ix_(columns, columns)]
         s = np.sqrt(np.diag(covariance))
@@ -311,8 +310,7 @@ class CalibrationResult:
     def _pose_rows(self) -> tuple[ParameterRow, ...]:
         rows = []
         for k, camera in enumerate(self.cameras[1:], start=1):
-            pose = self.camera(k).T_camera_world
-            values = np.concatenate([np.asarray(pose.rotvec), np.asarray(pose.translation)])
+            values = np.concatenate([self.numbers.rotvec_camera_rig[k], self.numbers.t_camera_rig[k]])
             for name, value in zip(_POSE, values):
                 label = name if len(self.cameras) == 2 else f"{camera}.{name}"
                 unit = _UNITS.get(name, self.settings.unit)
@@ -327,7 +325,8 @@ class CalibrationResult:
         if self.load_grey is None:
             return views
         index = {(name, k): i for i, names in enumerate(self.view_names) for k, name in enumerate(names)}
-        order = sorted(range(len(views)), key=lambda j: -views[j].rms_px)[:worst]
+        order = sorted(range(len(views)), key=lambda j: -views[j].rms_px)
+        order = [j for k in range(len(self.cameras)) for j in [j for j in order if views[j].camera == k][:worst]]
         out = list(views)
         for j in order:
             v = views[j]

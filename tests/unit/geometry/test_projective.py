@@ -71,3 +71,15 @@ def test_smallest_singular_vector_is_the_eigenvector_of_the_normal_matrix():
     A = np.random.default_rng(3).normal(size=(40, 6))
     got = np.asarray(projective.smallest_singular_vector(jnp.array(A)))
     np.testing.assert_allclose(abs(got @ np.linalg.eigh(A.T @ A)[1][:, 0]), 1, rtol=1e-13)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_similarity_inverse_against_numpy(d):
+    T = np.diag([2.5] * d + [1.0])
+    T[:d, d] = np.arange(d) - 7.0
+    np.testing.assert_allclose(projective.similarity_inverse(jnp.array(T)), np.linalg.inv(T), atol=1e-15)
+
+
+def test_determinant_against_numpy():
+    for M in np.random.default_rng(4).normal(size=(10, 3, 3)):
+        np.testing.assert_allclose(projective.determinant(jnp.array(M)), np.linalg.det(M), rtol=1e-12, atol=1e-14)

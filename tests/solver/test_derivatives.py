@@ -1,0 +1,151 @@
+"""Derivatives through the solution equal central differences of the solution; memory is linear in the blocks."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from arrow_problems import mixed_case
+
+from jaxmocap.optim import ArrowVariables, least_squares
+
+# Residuals of about 1 on curved functions: the exact Hessian is far from the Gauss-Newton one.
+CASE = mixed_case(
+    blocks=6,
+    residual=1.5,
+    bend=2.0,
+    prior=True,
+    free=ArrowVariables({"a": True, "b": False}, {"p": np.array([[True, False]]), "q": True}),
+)
+RNG = np.random.default_rng(3)
+
+
+def numbers(inputs):
+    """Weighted sums of the shared and the local part of the solution, as one vector of three."""
+    d, common, b, p = inputs
+    y0 = ArrowVariables({**CASE.y0.shared, "b": b}, {**CASE.y0.local, "p": CASE.y0.local["p"].at[:, 0, 1].set(p)})
+    data = {**CASE.data, "d": d}
+    # The smallest tolerance: the comparison is with differences of solutions.
+    value = least_squares(CASE.problem, y0, data, {"bend": common}, free=CASE.free, rtol=1e-24, covariance=False).value
+    return jnp.stack(
+        [
+            value.shared["a"][0],
+            jnp.sum(value.shared["a"]) + jnp.sum(value.local["q"] * jnp.cos(jnp.arange(12.0).reshape(6, 2))),
+            jnp.sum(value.local["p"] ** 2) * 0.1,
+        ]
+    )
+
+
+INPUTS = (CASE.data["d"], CASE.common["bend"], CASE.y0.shared["b"], CASE.y0.local["p"][:, 0, 1])
+run = jax.jit(numbers)
+
+
+@cache
+def direction(which: int):
+    """A random change of one of: data, common, frozen shared, frozen local; zero for the others."""
+    rng = np.random.default_rng(which)
+    return tuple(
+        jnp.asarray(rng.normal(size=x.shape)) if k == which else jnp.zeros_like(x) for k, x in enumerate(INPUTS)
+    )
+
+
+def central(fn, t, h=2e-4):
+    """Five-point difference of fn along t: error h^4."""
+    at = lambda s: np.asarray(fn(jax.tree.map(lambda x, v: x + s * h * v, INPUTS, t)))  # noqa: E731
+    return (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h)
+
+
+def test_gauss_newton_would_be_wrong():
+    """The case is not one where any Hessian would do."""
+    estimate = least_squares(*(CASE.problem, CASE.y0, CASE.data, CASE.common), free=CASE.free)
+    assert estimate.success and float(estimate.stats["residual_variance"]) > 0.5
+
+
+@pytest.mark.parametrize("which", range(4), ids=["data", "common", "frozen shared", "frozen local"])
+def test_forward_and_reverse(which):
+    t = direction(which)
+    expected = central(run, t)
+    forward = jvp(INPUTS, t)
+    np.testing.assert_allclose(forward, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    for k in range(3):
+        pulled = vjp(INPUTS, jnp.eye(3)[k])
+        product = sum(float(jnp.sum(a * b)) for a, b in zip(pulled, t))
+        np.testing.assert_allclose(product, forward[k], rtol=1e-9, atol=1e-12)
+
+
+jvp = jax.jit(lambda x, t: jax.jvp(numbers, (x,), (t,))[1])
+vjp = jax.jit(lambda x, w: jax.vjp(numbers, x)[1](w)[0])
+
+
+def test_second_derivatives():
+    """Derivative of the derivative by the data, against a difference of first derivatives."""
+    t = direction(0)
+    first = lambda x: jvp(x, t)[1]  # noqa: E731
+    found = jax.jit(jax.grad(first))(INPUTS)
+    assert all(np.all(np.isfinite(x)) for x in found)
+    twice = sum(float(jnp.sum(a * b)) for a, b in zip(found, t))
+    np.testing.assert_allclose(twice, central(first, t), rtol=1e-5, atol=1e-8)
+
+
+def test_under_vmap_and_jit():
+    t = direction(0)
+    steps = jnp.asarray([0.0, 0.3, -0.2])
+    moved = (INPUTS[0][None] + steps[:, None, None] * t[0][None], *(jnp.stack([x] * 3) for x in INPUTS[1:]))
+    together = jax.jit(jax.vmap(lambda *x: jax.jvp(numbers, (x,), (t,))))(*moved)
+    for k in range(3):
+        alone = (INPUTS[0] + steps[k] * t[0], *INPUTS[1:])
+        np.testing.assert_allclose(together[0][k], run(alone), rtol=1e-9)
+        np.testing.assert_allclose(together[1][k], jvp(alone, t), rtol=1e-8)
+
+
+def test_start_of_free_entries_has_no_influence():
+    a = jax.jit(
+        jax.grad(
+            lambda a: jnp.sum(
+                least_squares(
+                    CASE.problem,
+                    ArrowVariables({**CASE.y0.shared, "a": a}, CASE.y0.local),
+                    CASE.data,
+                    CASE.common,
+                    free=CASE.free,
+                    covariance=False,
+                ).value.shared["a"]
+            )
+        )
+    )(CASE.y0.shared["a"])
+    np.testing.assert_array_equal(a, 0.0)
+
+
+def _temporary_bytes(blocks):
+    case = mixed_case(blocks=blocks, rows=8, residual=0.3)
+
+    def value(d):
+        estimate = least_squares(case.problem, case.y0, {**case.data, "d": d}, case.common, covariance=False)
+        return jnp.sum(estimate.value.local["q"])
+
+    compiled = jax.jit(jax.grad(value)).lower(case.data["d"]).compile()
+    return compiled.memory_analysis().temp_size_in_bytes
+
+
+def test_memory_of_reverse_mode_is_linear_in_blocks():
+    assert _temporary_bytes(4096) < 4.5 * _temporary_bytes(1024)
+
+
+def test_a_batch_of_problems_is_each_problem():
+    """vmap over data and start; the problems need different numbers of steps."""
+    cases = [mixed_case(blocks=6, seed=s, residual=r, prior=True) for s, r in ((0, 0.1), (1, 1.0), (2, 3.0))]
+    stack = lambda *trees: jax.tree.map(lambda *x: jnp.stack(x), *trees)  # noqa: E731
+    y0, data = stack(*[c.y0 for c in cases]), stack(*[c.data for c in cases])
+    one = lambda y, d: least_squares(cases[0].problem, y, d, cases[0].common, by_block=True)  # noqa: E731
+    together = jax.vmap(one)(y0, data)
+    for k, case in enumerate(cases):
+        alone = one(case.y0, case.data)
+        np.testing.assert_allclose(together.value.shared["a"][k], alone.value.shared["a"], rtol=1e-9)
+        np.testing.assert_allclose(together.value.local["q"][k], alone.value.local["q"], rtol=1e-7, atol=1e-9)
+        np.testing.assert_allclose(together.stats["cost"][k], alone.stats["cost"], rtol=1e-12)
+        assert int(together.stats["steps"][k]) == int(alone.stats["steps"])
+        np.testing.assert_allclose(
+            jax.tree.map(lambda x, i=k: x[i], together.covariance).shared(), alone.covariance.shared(), rtol=1e-7
+        )
+        assert together.result._value[k] == alone.result._value
