@@ -30,6 +30,11 @@ MODELS: dict[str, tuple[str, ...]] = {
     "k1k2p1p2k3": ("k1", "k2", "p1", "p2", "k3"),
 }
 
+LENS_NAMES = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "p1", "p2", "k3")
+"""Numbers of a camera, in the order of its leaves."""
+POSE_NAMES = ("rx", "ry", "rz", "tx", "ty", "tz")
+"""Numbers of a pose, in the order of its leaves: rotation vector [rad], translation [scene]."""
+
 
 class Lens(eqx.Module):
     """What a calibration finds of one camera, apart from its place."""
@@ -104,28 +109,24 @@ def free_parameters(
     """
     if model not in MODELS:
         raise InputError(f"distortion: expected one of {', '.join(MODELS)}, got {model!r}")
+    zero, three = jnp.zeros(()), jnp.zeros(3)
+    lens_tree = jax.tree.structure(Lens(Intrinsics(*[zero] * 5), BrownDistortion(*[zero] * 5)))
+    pose = jax.tree.map(lambda _: True, Pose(three, three))
     lenses = []
     for k in range(cameras):
         names = {"fx", "fy", "cx", "cy", *MODELS[model]} | ({"skew"} if skew else set())
         names -= set(frozen[k] if frozen else ())
-        lenses.append(
-            Lens(
-                Intrinsics(**{n: n in names for n in ("fx", "fy", "cx", "cy", "skew")}),  # type: ignore[arg-type]
-                BrownDistortion(**{n: n in names for n in ("k1", "k2", "p1", "p2", "k3")}),  # type: ignore[arg-type]
-            )
-        )
-    poses = tuple(Pose(True, True) for _ in range(cameras - 1))  # type: ignore[arg-type]
-    return ArrowVariables(RigParameters(tuple(lenses), poses), Pose(True, True))  # type: ignore[arg-type]
+        lenses.append(jax.tree.unflatten(lens_tree, [n in names for n in LENS_NAMES]))
+    return ArrowVariables(RigParameters(tuple(lenses), (pose,) * (cameras - 1)), pose)
 
 
 def parameter_names(free: ArrowVariables) -> tuple[tuple[int, str], ...]:
     """(camera, name) of every free shared number, in the order of the covariance."""
     names: list[tuple[int, str]] = []
     for k, lens in enumerate(free.shared.lenses):
-        names += [(k, n) for n in ("fx", "fy", "cx", "cy", "skew") if getattr(lens.intrinsics, n)]
-        names += [(k, n) for n in ("k1", "k2", "p1", "p2", "k3") if getattr(lens.distortion, n)]
+        names += [(k, n) for n, is_free in zip(LENS_NAMES, jax.tree.leaves(lens)) if is_free]
     for k in range(len(free.shared.T_camera_rig)):
-        names += [(k + 1, n) for n in ("rx", "ry", "rz", "tx", "ty", "tz")]
+        names += [(k + 1, n) for n in POSE_NAMES]
     return tuple(names)
 
 
@@ -161,7 +162,7 @@ def refine_targets(
     require_x64("refine_targets")
     poses = jax.vmap(Pose.canonical)(start.local)
     start = ArrowVariables(start.shared, poses)
-    points_seen = jnp.sum(views.seen.visible)
+    points_seen = jnp.sum(views.seen.visible.astype(float))
     weight = jnp.any(views.seen.visible, axis=(1, 2)).astype(float)
     options: dict[str, Any] = dict(
         free=free,
@@ -176,7 +177,7 @@ def refine_targets(
         estimate = least_squares(TARGET_PROBLEM, start, views, **options)
     else:
         estimate = _refine_robust(start, views, loss, options)
-    rms = jnp.sqrt(2.0 * estimate.stats["cost"] / jnp.maximum(points_seen, 1))
+    rms = jnp.sqrt(2.0 * estimate.stats["cost"] / jnp.maximum(points_seen, 1.0))
     return eqx.tree_at(
         lambda e: e.stats, estimate, {**estimate.stats, "rms_px": rms, "observations": points_seen}
     )

@@ -6,6 +6,7 @@ of each step are brought to one size, so that a step is compiled once for every 
 """
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
@@ -55,10 +56,7 @@ def _subset(points: np.ndarray, uv: np.ndarray, seen: np.ndarray) -> tuple[np.nd
 
 def _take_views(arrays: tuple[np.ndarray, ...], index: np.ndarray, size: int) -> tuple[np.ndarray, ...]:
     """The views of an index, padded with zeros to a number."""
-    return tuple(
-        np.concatenate([a[index], np.zeros((size - len(index), *a.shape[1:]), a.dtype)]) if size > len(index) else a[index]
-        for a in arrays
-    )
+    return tuple(np.concatenate([a[index], np.zeros((size - len(index), *a.shape[1:]), a.dtype)]) for a in arrays)
 
 
 def start_camera(
@@ -95,8 +93,9 @@ def start_camera(
     sample = _take_views(few, chosen, _VIEWS)
     candidates: list[Lens] = []
     if flat[use].any():
-        many, real = steps.candidate_lenses(steps.homographies(*sample[:4]), *sample, float(image_size[0]), float(image_size[1]))
-        candidates += [jax.tree.map(lambda x, k=k: np.asarray(x)[k], many) for k in np.flatnonzero(real)]
+        width, height = (jnp.asarray(float(n)) for n in image_size)
+        many, real = steps.candidate_lenses(steps.homographies(*sample[:4]), *sample, width, height)
+        candidates += [jax.tree.map(lambda x, k=k: x[k], many) for k in np.flatnonzero(real)]
     if solid.any():
         candidates.append(steps.solid_start(*_take_views(few[:3], np.flatnonzero(solid)[:_VIEWS], _VIEWS))[0])
     costs = [float(np.sum(np.where(sample[2].any(axis=1), _poses(lens, *sample)[1], 0.0))) for lens in candidates]
@@ -119,7 +118,7 @@ def _poses(
     starts = steps.flat_poses(lens, H, points, seen, T_plane_target)
     if not flat[seen.any(axis=1)].all():
         _, rotvec, translation = steps.solid_start(points, uv, seen)
-        pick = lambda a, b: np.where(flat[:, None, None], a, np.asarray(b)[:, None, :])  # noqa: E731
+        pick = lambda a, b: jnp.where(flat[:, None, None], a, jnp.asarray(b)[:, None, :])  # noqa: E731
         starts = Pose(pick(starts.rotvec, rotvec), pick(starts.translation, translation))
     refined, cost = steps.refined_poses(lens, starts, points, uv, seen)
     T = np.tile(np.eye(4), (len(points), 1, 1))
@@ -142,8 +141,6 @@ def _relative_pose(T_a: np.ndarray, T_b: np.ndarray, both: np.ndarray) -> np.nda
 
 
 def _as_pose(T: np.ndarray) -> Pose:
-    import jax.numpy as jnp
-
     return Pose(jnp.asarray(Rotation.from_matrix(T[..., :3, :3]).as_rotvec()), jnp.asarray(T[..., :3, 3]))
 
 

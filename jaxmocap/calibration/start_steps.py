@@ -58,7 +58,8 @@ def _on_plane(T_plane_target: Array, points: Array) -> Array:
 
 
 def _centres(points: Array, seen: Array) -> Array:
-    return jnp.sum(jnp.where(seen[..., None], points, 0.0), axis=1) / jnp.maximum(jnp.sum(seen, axis=1), 1)[:, None]
+    count = jnp.maximum(jnp.sum(seen.astype(points.dtype), axis=1), 1.0)
+    return jnp.sum(jnp.where(seen[..., None], points, 0.0), axis=1) / count[:, None]
 
 
 def _candidates(H: Array, use: Array, width: Array, height: Array) -> tuple[Array, Array]:
@@ -92,8 +93,8 @@ def candidate_lenses(
     seen: Bool[Array, "views points"],
     T_plane_target: Float[Array, "views 4 4"],
     flat: Bool[Array, "views"],
-    width: float,
-    height: float,
+    width: Float[Array, ""],
+    height: Float[Array, ""],
 ) -> tuple[Lens, Bool[Array, "candidates"]]:
     """Lenses that flat views may have been taken with, each without and with distortion; and which are real.
 
@@ -103,7 +104,7 @@ def candidate_lenses(
     """
     use = flat & (jnp.sum(seen, axis=1) >= 4)
     mask = seen & use[:, None]
-    K, real = _candidates(H, use, jnp.asarray(width), jnp.asarray(height))
+    K, real = _candidates(H, use, width, height)
     zero = jnp.zeros(())
 
     def of(K: Array) -> tuple[Lens, Lens]:

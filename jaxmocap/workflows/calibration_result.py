@@ -10,7 +10,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxmocap.calibration.boards import TargetViews, parameter_names
+from jaxmocap.calibration.boards import LENS_NAMES, POSE_NAMES, TargetViews, parameter_names
 from jaxmocap.calibration.describe import RigDescription, describe
 from jaxmocap.calibration.evidence import CameraEvidence, Weakness, board_attitude, real_radius_px
 from jaxmocap.calibration.weakness import find_weaknesses
@@ -30,8 +30,6 @@ from jaxmocap.report import (
 from jaxmocap.results import Estimate
 
 _UNITS = {**dict.fromkeys(("fx", "fy", "cx", "cy", "skew"), "px"), **dict.fromkeys(("rx", "ry", "rz"), "rad")}
-_LENS = ("fx", "fy", "cx", "cy", "skew", "k1", "k2", "p1", "p2", "k3")
-_POSE = ("rx", "ry", "rz", "tx", "ty", "tz")
 # A robust weight below this counts as a rejection in the tables: the observation had less than a quarter of a say.
 _REJECTED_BELOW = 0.25
 
@@ -212,7 +210,7 @@ class CalibrationResult:
 
     def _numbers(self, k: int) -> dict[str, float]:
         lens = self.estimate.value.shared.lenses[k]
-        return {n: float(getattr(lens.intrinsics, n, getattr(lens.distortion, n, 0.0))) for n in _LENS}
+        return {n: float(getattr(lens.intrinsics, n, getattr(lens.distortion, n, 0.0))) for n in LENS_NAMES}
 
     def _mask(self, k: int) -> np.ndarray:
         mask = np.zeros_like(self.visible)
@@ -277,13 +275,13 @@ class CalibrationResult:
 
     def _camera_report(self, k: int) -> CameraReport:
         K, d, limit = self.numbers.K[k], self.numbers.distortion[k], self.numbers.ideal_limit[k]
-        columns = [i for i, (camera, name) in enumerate(parameter_names(self.free)) if camera == k and name in _LENS]
+        columns = [i for i, (camera, name) in enumerate(parameter_names(self.free)) if camera == k and name in LENS_NAMES]
         covariance = np.asarray(self.estimate.covariance.shared())[np.ix_(columns, columns)]
         s = np.sqrt(np.diag(covariance))
         return CameraReport(
             name=self.cameras[k],
             image_size=self.image_sizes[k],
-            parameters=tuple(self._row(k, n) for n in _LENS if self._shown(k, n)),
+            parameters=tuple(self._row(k, n) for n in LENS_NAMES if self._shown(k, n)),
             K=K,
             distortion=d,
             rms_px=self._rms(self._mask(k)),
@@ -311,7 +309,7 @@ class CalibrationResult:
         rows = []
         for k, camera in enumerate(self.cameras[1:], start=1):
             values = np.concatenate([self.numbers.rotvec_camera_rig[k], self.numbers.t_camera_rig[k]])
-            for name, value in zip(_POSE, values):
+            for name, value in zip(POSE_NAMES, values):
                 label = name if len(self.cameras) == 2 else f"{camera}.{name}"
                 unit = _UNITS.get(name, self.settings.unit)
                 rows.append(

@@ -253,7 +253,7 @@ def solved(name: str):
     """Case, its dense form, the package's estimate (with leave-one-out), and the dense (r, J) at that estimate."""
     case = CASES[name]()
     estimate = least_squares(
-        case.problem, case.y0, case.data, case.common, free=case.free, scale=case.scale, weight=case.weight,
+        case.problem, case.y0, case.data, case.common, free=case.free, scale=case.scale, weight=None if case.weight is None else jnp.asarray(case.weight),
         count=visible_rows(case), by_block=True,
     )  # fmt: skip
     reference = dense(case)
