@@ -62,9 +62,10 @@ def _solve_hessian(hessian: tuple[Array, Array, Array], g: Flat) -> Flat:
     ss, ls, ll = hessian
     ll = ll + jax.vmap(jnp.diag)(jnp.where(jnp.diagonal(ll, axis1=1, axis2=2) == 0, 1.0, 0.0))
     ss = ss + jnp.diag(jnp.where(jnp.diagonal(ss) == 0, 1.0, 0.0))
-    right = jnp.concatenate([ls, g.local.T[:, :, None]], axis=2)
-    solved = jnp.linalg.solve(ll, right)
-    T, t = solved[:, :, :-1], solved[:, :, -1]
+    # Two solves, not one for both right sides: T must not look as if it depended on g, or reverse mode, which
+    # transposes what is linear in g, meets the product of T and d_s and stops.
+    T = jnp.linalg.solve(ll, ls)
+    t = jnp.linalg.solve(ll, g.local.T[:, :, None])[:, :, 0]
     S = ss - jnp.einsum("bls,blt->st", ls, T)
     d_s = jnp.linalg.solve(S, g.shared - jnp.einsum("bls,bl->s", ls, t)) if ss.shape[0] else g.shared
     d_l = t - jnp.einsum("bls,s->bl", T, d_s)

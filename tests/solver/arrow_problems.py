@@ -253,9 +253,16 @@ def solved(name: str):
     """Case, its dense form, the package's estimate (with leave-one-out), and the dense (r, J) at that estimate."""
     case = CASES[name]()
     estimate = least_squares(
-        case.problem, case.y0, case.data, case.common, free=case.free, scale=case.scale, weight=None if case.weight is None else jnp.asarray(case.weight),
-        count=visible_rows(case), by_block=True,
-    )  # fmt: skip
+        case.problem,
+        case.y0,
+        case.data,
+        case.common,
+        free=case.free,
+        scale=case.scale,
+        weight=None if case.weight is None else jnp.asarray(case.weight),
+        count=visible_rows(case),
+        by_block=True,
+    )
     reference = dense(case)
     z = flat_value(case, estimate.value)
     return case, reference, estimate, z, *reference.jacobian(z, case.data, case.common)
