@@ -19,7 +19,7 @@ from jaxmocap.cameras import BrownDistortion, Intrinsics, pixel_of_point
 from jaxmocap.geometry import Pose
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import ArrowProblem, ArrowVariables, least_squares
-from jaxmocap.optim.robust import TUNING, Loss, robustify, scale_from_data
+from jaxmocap.optim.robust import TUNING, Loss, robustify, scale_from_data, variance_factors
 from jaxmocap.results import Estimate
 
 DistortionModel = Literal["none", "k1k2", "k1k2k3", "k1k2p1p2k3"]
@@ -195,7 +195,25 @@ def _refine_robust(start: ArrowVariables, views: TargetViews, loss: Loss, option
         chosen = {**options, "covariance": final, "by_block": final and options["by_block"]}
         estimate = least_squares(problem, at, views, (width, None), **chosen)
     assert estimate is not None
-    return eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "loss_width": width})
+    estimate = eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "loss_width": width})
+    return _robust_covariance(estimate, views, loss) if options["covariance"] else estimate
+
+
+def _robust_covariance(estimate: Estimate, views: TargetViews, loss: Loss) -> Estimate:
+    """The estimate with the asymptotic covariance of its loss in place of that of the changed residuals."""
+    r = jax.vmap(view_residuals, (None, 0, 0, None))(estimate.value.shared, estimate.value.local, views, None)
+    seen = views.seen.visible.reshape(-1).astype(float)
+    s = jnp.sum(r.reshape(-1, 2) ** 2, axis=1)
+    variance, move = variance_factors(loss, s, seen, estimate.stats["loss_width"], 2)
+    # The mean over points knows nothing of the parameters that were fitted to them.
+    freedom = estimate.stats["degrees_of_freedom"]
+    variance = variance * jnp.sum(2.0 * seen) / jnp.maximum(freedom, 1.0)
+    old = estimate.covariance
+    effect = old.design_effect * old.variance * move**2 / variance
+    changed = eqx.tree_at(lambda c: (c.variance, c.design_effect), old, (variance, effect))
+    if old.leave_one_out is not None:
+        changed = eqx.tree_at(lambda c: c.leave_one_out, changed, old.leave_one_out * move**2)
+    return eqx.tree_at(lambda e: e.covariance, estimate, changed)
 
 
 def residual_pixels(value: ArrowVariables, views: TargetViews) -> Float[Array, "views cameras points 2"]:

@@ -33,7 +33,8 @@ class RigDescription(NamedTuple):
 
 
 @jax.jit
-def _describe(value: ArrowVariables, views: TargetViews) -> RigDescription:
+def _describe(value: ArrowVariables, views: TargetViews) -> tuple[jax.Array, ...]:
+    """The fields of RigDescription, in its order."""
     rig: RigParameters = value.shared
     to_camera = [Pose.identity(), *(pose.canonical() for pose in rig.T_camera_rig)]
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *to_camera)
@@ -43,15 +44,15 @@ def _describe(value: ArrowVariables, views: TargetViews) -> RigDescription:
         return R, T_camera_rig.act(T_rig_target.translation)
 
     R, t = jax.vmap(jax.vmap(stand, (None, 0)), (0, None))(value.local, stacked)
-    return RigDescription(
-        residual=residual_pixels(value, views),
-        R_camera_target=R,
-        t_camera_target=t,
-        rotvec_camera_rig=stacked.rotvec,
-        t_camera_rig=stacked.translation,
-        K=jnp.stack([lens.intrinsics.matrix() for lens in rig.lenses]),
-        distortion=jnp.stack([lens.distortion.vector() for lens in rig.lenses]),
-        ideal_limit=jnp.sqrt(jnp.stack([lens.distortion.valid_radius_squared() for lens in rig.lenses])),
+    return (
+        residual_pixels(value, views),
+        R,
+        t,
+        stacked.rotvec,
+        stacked.translation,
+        jnp.stack([lens.intrinsics.matrix() for lens in rig.lenses]),
+        jnp.stack([lens.distortion.vector() for lens in rig.lenses]),
+        jnp.sqrt(jnp.stack([lens.distortion.valid_radius_squared() for lens in rig.lenses])),
     )
 
 

@@ -29,6 +29,15 @@ def _limit(name: str, radius: float, fx: float, image_size: tuple[int, int]) -> 
     return {"cx": 0.5 * image_size[0], "cy": 0.5 * image_size[1], "skew": 0.5 * abs(fx)}.get(name, np.inf)
 
 
+def next_to_freeze(free: ArrowVariables) -> tuple[tuple[str, ...], ...]:
+    """For each camera the free parameters that are given up first; empty where only focal lengths are left."""
+    out = []
+    for k in range(len(free.shared.lenses)):
+        mine = {n for camera, n in parameter_names(free) if camera == k}
+        out.append(next((tuple(n for n in g if n in mine) for g in GIVE_UP if mine & set(g)), ()))
+    return tuple(out)
+
+
 def undetermined(
     estimate: Estimate, free: ArrowVariables, image_sizes: list[tuple[int, int]]
 ) -> tuple[tuple[str, ...], ...]:
@@ -46,7 +55,15 @@ def undetermined(
         SolveError: if even the focal lengths alone are not determined.
     """
     names = parameter_names(free)
-    singular = bool(estimate.result == RESULTS.undetermined)
+    if estimate.result == RESULTS.undetermined:
+        more = next_to_freeze(free)
+        if not any(more):
+            raise SolveError(
+                "The data do not determine even the focal length. "
+                "Likely cause: one view, or all views parallel to the board. "
+                "Tilt the board 20-45 degrees, in different directions, in 6 or more views."
+            )
+        return more
     sigma = np.sqrt(np.abs(np.diag(np.asarray(estimate.covariance.shared()))))
     out = []
     for k, size in enumerate(image_sizes):
@@ -54,13 +71,5 @@ def undetermined(
         radius, fx = corner_radius(lens, size), float(lens.intrinsics.fx)
         mine = {n: s for (camera, n), s in zip(names, sigma) if camera == k}
         weak = {n for n, s in mine.items() if not s <= _limit(n, radius, fx, size)}
-        if singular:
-            weak = set(mine)
         out.append(next((tuple(n for n in g if n in mine) for g in GIVE_UP if weak & set(g)), ()))
-    if singular and not any(out):
-        raise SolveError(
-            "The data do not determine even the focal length. "
-            "Likely cause: one view, or all views parallel to the board. "
-            "Tilt the board 20-45 degrees, in different directions, in 6 or more views."
-        )
     return tuple(out)

@@ -72,8 +72,10 @@ def start_camera(
         uv: where they were seen [px].
         seen: (views, points), True where seen.
         image_size: (width, height) [px].
+
     Returns:
         lens; T_camera_target as (views, 4, 4) matrices (identity for unused views); which views were used.
+
     Raises:
         SolveError: if no view shows enough points.
     Source: optical tracking document, algorithms 1-3.
@@ -153,8 +155,10 @@ def start_rig(
         views: what all cameras saw.
         image_sizes: (width, height) of each camera [px].
         names: of the cameras, for messages.
+
     Returns:
         variables (rig and T_rig_target), and which views each camera used, (cameras, views).
+
     Raises:
         SolveError: a camera without a usable view, or groups of cameras that share no view.
     """

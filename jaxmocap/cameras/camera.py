@@ -34,6 +34,7 @@ def pixel_of_point(intrinsics: Intrinsics, lens: BrownDistortion, p_camera: Vect
         intrinsics: K [px].
         lens: distortion [1].
         p_camera: point, z forward [scene].
+
     Returns:
         uv [px]; finite and differentiable everywhere.
     Source: optical tracking document, eq. 4.10, 4.16-4.18; stop-motion document, eq. 4.8-4.9.
@@ -51,6 +52,7 @@ def project_from_camera(intrinsics: Intrinsics, lens: BrownDistortion, p_camera:
         intrinsics: K [px].
         lens: distortion [1].
         p_camera: point, z forward [scene].
+
     Returns:
         uv [px]; finite and differentiable everywhere.
         valid: False behind the camera or beyond the radius where the lens model can be inverted.

@@ -4,8 +4,10 @@ Plain: s^2 (H^-1), with s^2 the residual variance; right if residuals are indepe
 not: blur, lighting and a board that is not flat move them together. Leaving out one block after the other (to first
 order, from the same factors) gives a covariance that holds whatever happens within a block, but a noisy one: with
 n blocks its every element has a relative error of about sqrt(2/n). What is stated is therefore the plain
-covariance times ONE number, the mean of the leave-one-out variance over the plain one across all parameters
-(the design effect of sampling theory), never below 1.
+covariance times ONE number, the mean ratio of the two across all parameters (the design effect of sampling theory),
+and only where it exceeds 1 by more than chance makes of independent residuals. The plain jackknife would be too
+large by half with ten photographs, since each left out weakens the rest; the ratio used here has mean 1 exactly when
+residuals are independent. scripts/simulate_calibration.py shows what the intervals then cover.
 """
 
 import equinox as eqx
@@ -44,14 +46,16 @@ class ArrowCovariance(eqx.Module):
     leave_one_out: Float[Array, "ns ns"] | None
     """Shared covariance from leaving out blocks, or None."""
     design_effect: Float[Array, ""]
-    """Mean ratio of leave-one-out to plain variance; 1 where not computed."""
+    """Mean ratio of the variance seen between blocks to the plain one; 1 where not computed."""
+    chance: Float[Array, ""]
+    """Standard deviation of the design effect when residuals are independent; 0 where not computed."""
     determined: Bool[Array, ""]
     """False if the normal equations are singular; the numbers are then meaningless."""
 
     @property
     def inflation(self) -> Float[Array, ""]:
-        """The design effect, never below 1: what the stated covariance is multiplied with."""
-        return jnp.maximum(self.design_effect, 1.0)
+        """What the stated covariance is multiplied with: the design effect, or 1 if that may be chance."""
+        return jnp.where(self.design_effect > 1.0 + self.chance, self.design_effect, 1.0)
 
     def shared_plain(self) -> Float[Array, "ns ns"]:
         """Covariance of the free shared parameters for independent residuals."""
@@ -100,13 +104,18 @@ def _leave_one_out(
     data: ArrowData,
     unit: Float[Array, "ns ns"],
     T: Float[Array, "nl ns blocks"],
-) -> Float[Array, "ns ns"]:
-    r"""Jackknife covariance of the shared parameters, each block left out to first order.
+) -> tuple[Float[Array, "ns ns"], Float[Array, ""], Float[Array, ""]]:
+    r"""Jackknife covariance of the shared parameters, each block left out to first order, and its design effect.
 
     Without block i the normal equations are S - S_i and the gradient -u_i, so the estimate moves by
-    (S - S_i)^-1 u_i = (I - S^-1 S_i)^-1 S^-1 u_i.
+    d_i = (S - S_i)^-1 u_i = (I - S^-1 S_i)^-1 S^-1 u_i. For independent residuals of variance s^2 the covariance of
+    u_i is s^2 (S_i - S_i S^-1 S_i), so u_i . d_i has mean s^2 tr(S^-1 S_i): the sum over i of u_i . d_i / s^2
+    has mean ns exactly and variance 2 sum tr((S^-1 S_i)^2), blocks taken as independent of one another.
 
-    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11; Bell and McCaffrey 2002 (CR3).
+    Returns:
+        jackknife covariance, sum of u_i . d_i, sum of tr((S^-1 S_i)^2).
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11; Bell and McCaffrey 2002 (CR3;
+        the trace is that of their CR2, whose square root drops out of it).
     """
     full = unflatten_last(layout, y, base)
     blocks, ns = y.local.shape[1], layout.shared_size
@@ -117,7 +126,7 @@ def _leave_one_out(
     def one(S_i: Array, u: Array) -> Array:
         return jnp.linalg.solve(jnp.eye(ns, dtype=u.dtype) - unit @ S_i, unit @ u)
 
-    def body(total: tuple[Array, Array], chunk):
+    def body(total: tuple[Array, Array, Array, Array], chunk):
         local, block_data, w, T_chunk = chunk
         part = ArrowData(block_data, data.common, w)
         r, J_s, J_l = block_jacobians(problem, layout, ArrowVariables(full.shared, local), part)
@@ -126,13 +135,16 @@ def _leave_one_out(
         S_i = jnp.einsum("srb,trb->bst", J, J)
         u = jnp.einsum("srb,rb->bs", J, r)
         move = jnp.where(w[:, None] > 0, jax.vmap(one)(S_i, u), 0.0)
-        return (total[0] + move.T @ move, total[1] + jnp.sum(move, axis=0)), None
+        share = jnp.einsum("st,btu->bsu", unit, S_i)
+        leverage = jnp.sum(jnp.where(w > 0, jnp.einsum("bst,bts->b", share, share), 0.0))
+        new = (move.T @ move, jnp.sum(move, axis=0), jnp.sum(u * move), leverage)
+        return jax.tree.map(jnp.add, total, new), None
 
-    zero = (jnp.zeros((ns, ns), y.shared.dtype), jnp.zeros((ns,), y.shared.dtype))
-    (squares, total), _ = jax.lax.scan(body, zero, (chunks[0], chunks[1], weight, chunks[3]))
+    zero = tuple(jnp.zeros(shape, y.shared.dtype) for shape in ((ns, ns), (ns,), (), ()))
+    (squares, total, seen, leverage), _ = jax.lax.scan(body, zero, (chunks[0], chunks[1], weight, chunks[3]))
     n = jnp.sum(data.weight)
     mean = total / n
-    return (n - 1.0) / n * (squares - n * mean[:, None] * mean[None, :])
+    return (n - 1.0) / n * (squares - n * mean[:, None] * mean[None, :]), seen, leverage
 
 
 def arrow_covariance(
@@ -162,13 +174,12 @@ def arrow_covariance(
     Source: Triggs et al., Bundle Adjustment, 2000, section 6; module docstring for the stated one.
     """
     unit, L, T, regular = _unit(normal, data.weight == 0)
-    loo, effect = None, jnp.ones((), y.shared.dtype)
+    loo, effect, chance = None, jnp.ones((), y.shared.dtype), jnp.zeros((), y.shared.dtype)
     ns = layout.shared_size
     if by_block and ns:
-        loo = _leave_one_out(problem, layout, y, base, data, unit, T)
-        # trace(plain^-1 leave-one-out) / ns, in coordinates of unit diagonal so that px and 1/px^2 can be mixed.
-        scale = 1.0 / jnp.sqrt(jnp.diagonal(unit))
-        outer = scale[:, None] * scale[None, :]
-        ratio = jnp.trace(jnp.linalg.solve(unit * outer, loo * outer)) / (ns * variance)
-        effect = jnp.where((jnp.sum(data.weight) >= 3) & jnp.isfinite(ratio), ratio, 1.0)
-    return ArrowCovariance(unit, L, T, variance, loo, effect, regular)
+        loo, seen, leverage = _leave_one_out(problem, layout, y, base, data, unit, T)
+        ratio = seen / (ns * variance)
+        usable = (jnp.sum(data.weight) >= 3) & jnp.isfinite(ratio)
+        effect = jnp.where(usable, ratio, 1.0)
+        chance = jnp.where(usable, jnp.sqrt(2.0 * leverage) / ns, 0.0)
+    return ArrowCovariance(unit, L, T, variance, loo, effect, chance, regular)

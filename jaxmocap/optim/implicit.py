@@ -110,5 +110,3 @@ def _attach_jvp(primals: Any, tangents: Any) -> Any:
     else:
         tangent = jax.tree.map(jnp.zeros_like, solution)
     return solution, tangent
-
-

@@ -64,9 +64,7 @@ def _flags(what: str, leaves: list[Any], free: PyTree, treedef: Any) -> tuple[tu
         try:
             full = np.broadcast_to(np.asarray(flag, dtype=bool), shape)
         except ValueError:
-            raise InputError(
-                f"free.{what}: leaf {k} has shape {shape}, its flags have {np.shape(flag)}"
-            ) from None
+            raise InputError(f"free.{what}: leaf {k} has shape {shape}, its flags have {np.shape(flag)}") from None
         out.append(tuple(bool(x) for x in full.reshape(-1)))
     return tuple(out)
 

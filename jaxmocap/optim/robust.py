@@ -12,7 +12,7 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jaxmocap._errors import InputError
 
@@ -58,10 +58,39 @@ def apply(loss: Loss, r: Float[Array, "groups d"], width: Float[Array, ""]) -> F
     return r * factor[:, None]
 
 
+def variance_factors(
+    loss: Loss, s: Float[Array, "groups"], seen: Float[Array, "groups"], width: Float[Array, ""], d: int
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    r"""What turns the covariance of the changed residuals into that of the robust estimate.
+
+    With psi(r) = w(s) r the estimate's covariance is E[psi^2] / E[psi']^2 (J^T J)^-1 per coordinate, where the changed
+    residuals give (m J^T J)^-1, m the mean square of their derivative by r.
+
+    Args:
+        loss: "huber" or "cauchy".
+        s: squared residual lengths [sigma^2].
+        seen: 1 where the group counts, else 0.
+        width: of the loss [sigma].
+        d: residuals in a group.
+    Returns:
+        m E[psi^2] / E[psi']^2: stands in for the residual variance [sigma^2].
+        m / E[psi']: by what a leave-one-out move of the changed residuals is too small.
+    Source: Huber 1981, eq. 6.6 of chapter 7 (asymptotic covariance of M-estimates).
+    """
+    n = jnp.maximum(jnp.sum(seen), 1.0)
+    mean = lambda x: jnp.sum(jnp.where(seen > 0, x, 0.0)) / n  # noqa: E731
+    s = jnp.maximum(s, 1e-12 * width * width)
+    w = weight(loss, s, width)
+    slope = jax.vmap(jax.grad(lambda x: weight(loss, x, width)))(s)
+    g = jnp.sqrt(rho(loss, s, width) / s)
+    radial = w / g  # d(r g)/dr along r: sqrt(rho)' = w r / sqrt(rho)
+    m = mean(radial**2 + (d - 1) * g**2) / d
+    psi_squared, psi_slope = mean(w * w * s) / d, mean(w + 2.0 * s * slope / d)
+    return m * psi_squared / psi_slope**2, m / psi_slope
+
+
 @lru_cache(maxsize=64)
-def robustify(
-    block: Callable[[Any, Any, Any, Any], Array], loss: Loss
-) -> Callable[[Any, Any, Any, Any], Array]:
+def robustify(block: Callable[[Any, Any, Any, Any], Array], loss: Loss) -> Callable[[Any, Any, Any, Any], Array]:
     """The block function with a robust loss; `common` becomes (width [sigma], common).
 
     Cached, so that the same block gives the same function and nothing is compiled twice.
@@ -80,7 +109,7 @@ def robustify(
     return robust_block
 
 
-def scale_from_data(r: Float[Array, "groups d"], seen: Float[Array, "groups"] | np.ndarray) -> Float[Array, ""]:
+def scale_from_data(r: Float[Array, "groups d"], seen: Bool[Array, "groups"] | np.ndarray) -> Float[Array, ""]:
     """Robust sigma per coordinate of residual groups, from the median length.
 
     Args:

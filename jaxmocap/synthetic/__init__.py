@@ -1,1 +1,1 @@
-
+"""Perfect worlds and their noise: what tests, simulations and benchmarks measure."""

@@ -146,7 +146,7 @@ def chessboard_world(
     poses, uvs, seen = [], [], []
     for _ in range(_TRIES * views):
         z = _draw_pose(rng, K, image_sizes[0], points, tilt, fill)
-        uv, depth = (np.asarray(x) for x in _exact(rig, Pose(z[:3], z[3:]), points))
+        uv, depth = (np.asarray(x) for x in _exact(rig, Pose(jnp.asarray(z[:3]), jnp.asarray(z[3:])), points))
         visible = (uv >= 0).all(axis=2) & (uv <= limits).all(axis=2) & (depth > 0)
         if visible[0].all():
             poses.append(z)
@@ -155,9 +155,7 @@ def chessboard_world(
         if len(poses) == views:
             break
     else:
-        raise SolveError(
-            f"No {board[0]}x{board[1]} board fits into a picture of {image_sizes[0]}: lower fill."
-        )
+        raise SolveError(f"No {board[0]}x{board[1]} board fits into a picture of {image_sizes[0]}: lower fill.")
     local = jnp.asarray(np.stack(poses))
     observed = PixelObservations.of(jnp.asarray(np.stack(uvs)), jnp.asarray(np.stack(seen)))
     return ChessboardWorld(

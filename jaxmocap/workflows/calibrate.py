@@ -331,7 +331,8 @@ def _by_view(
     for row, (v, k, p) in enumerate(zip(view, which, place)):
         if seen[v, k, p]:
             raise InputError(
-                f"correspondences: point {tuple(xyz[row].tolist())} of view {v} is given twice for camera {cameras[k]}. "
+                f"correspondences: point {tuple(xyz[row].tolist())} of view {v} is given twice for camera "
+                f"{cameras[k]}. "
                 "Likely cause: two photos share one view number. Number the views apart."
             )
         points[v, p], seen_uv[v, k, p], seen[v, k, p] = xyz[row], uv[row], True

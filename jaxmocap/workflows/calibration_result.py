@@ -275,7 +275,8 @@ class CalibrationResult:
 
     def _camera_report(self, k: int) -> CameraReport:
         K, d, limit = self.numbers.K[k], self.numbers.distortion[k], self.numbers.ideal_limit[k]
-        columns = [i for i, (camera, name) in enumerate(parameter_names(self.free)) if camera == k and name in LENS_NAMES]
+        named = enumerate(parameter_names(self.free))
+        columns = [i for i, (camera, name) in named if camera == k and name in LENS_NAMES]
         covariance = np.asarray(self.estimate.covariance.shared())[np.ix_(columns, columns)]
         s = np.sqrt(np.diag(covariance))
         return CameraReport(

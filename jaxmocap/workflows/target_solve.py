@@ -1,6 +1,7 @@
 """From points seen on targets to a calibrated rig: pad, start, refine, freeze what is not determined."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,7 +16,8 @@ from jaxmocap.calibration.boards import (
     free_parameters,
     refine_targets,
 )
-from jaxmocap.calibration.determined import undetermined
+from jaxmocap.calibration.describe import describe
+from jaxmocap.calibration.determined import next_to_freeze, undetermined
 from jaxmocap.calibration.start import start_rig
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import ArrowVariables
@@ -108,14 +110,19 @@ def solve_targets(
     for _ in range(_MOST_FREEZES + 1):
         free = free_parameters(len(cameras), distortion, skew, frozen)
         estimate = refine_targets(start, views, free, loss="cauchy" if robust else None, progress=progress)
-        if estimate.result not in (RESULTS.successful, RESULTS.undetermined):
+        if estimate.result == RESULTS.out_of_steps or estimate.result == RESULTS.stalled:
+            # A long flat valley: the least needed parameters are the ones that run away along it.
+            more = next_to_freeze(free)
+        elif estimate.result == RESULTS.successful or estimate.result == RESULTS.undetermined:
+            more = undetermined(estimate, free, image_sizes)
+        else:
             break
-        more = undetermined(estimate, free, image_sizes)
         if not any(more):
             break
         frozen = tuple(tuple(sorted({*a, *b})) for a, b in zip(frozen, more))
         start = _without(start, list(frozen), image_sizes)
-    estimate.check()
+    if not estimate.success:
+        raise SolveError(f"{estimate.sentence}{_square_on(estimate, views)}")
     _check_cameras(estimate, cameras)
     return estimate, free, frozen
 
@@ -124,8 +131,6 @@ def _without(
     start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: list[tuple[int, int]]
 ) -> ArrowVariables:
     """Start values with the named numbers at what they are held at: 0, or the image centre."""
-    from dataclasses import replace
-
     lenses = []
     for lens, gone, (width, height) in zip(start.shared.lenses, names, image_sizes):
         held = {n: jnp.zeros(()) for n in gone}
@@ -136,6 +141,19 @@ def _without(
             replace(lens, intrinsics=replace(lens.intrinsics, **inner), distortion=replace(lens.distortion, **outer))
         )
     return ArrowVariables(replace(start.shared, lenses=tuple(lenses)), start.local)
+
+
+def _square_on(estimate: Estimate, views: TargetViews) -> str:
+    """A sentence more if every target stood parallel to the image, where focal length and distance trade freely."""
+    described = describe(estimate.value, views)
+    seen = np.asarray(views.seen.visible).any(axis=2)
+    cosines = np.abs(described.R_camera_target[..., 2, 2][seen])
+    if cosines.size and cosines.min() > np.cos(np.radians(5.0)):
+        return (
+            " All views show the target nearly parallel to the image, which says nothing about the focal length: tilt it "
+            "20-45 degrees, in different directions, in 6 or more views."
+        )
+    return ""
 
 
 def _check_cameras(estimate: Estimate, cameras: list[str]) -> None:

@@ -65,7 +65,43 @@ def test_leaving_out_blocks_is_the_dense_jackknife(name):
     found = np.asarray(estimate.covariance.leave_one_out)
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((found - expected) / size).max() < 1e-5
-    ns = reference.ns
-    plain = np.linalg.inv(J[:, kept].T @ J[:, kept])[:ns, :ns] * (r @ r) / _freedom(case, r, J, kept)
-    effect = np.trace(np.linalg.solve(plain, expected)) / ns
-    np.testing.assert_allclose(float(estimate.covariance.design_effect), effect, rtol=1e-5)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_design_effect_is_the_unbiased_one(name):
+    """Bell and McCaffrey's CR2 from whole hat matrices of residuals, which the package never forms."""
+    case, reference, estimate, r, J, kept = _kept(name)
+    ns, rows = reference.ns, reference.rows
+    variance = r @ r / _freedom(case, r, J, kept)
+    X = J[:, kept]
+    bread = np.linalg.inv(X.T @ X)
+    hat = X @ bread @ X.T
+    middle, expected = np.zeros((ns, ns)), []
+    for i in range(reference.blocks):
+        if not kept[reference.block_columns(i)].all():
+            continue
+        own = slice(i * rows, (i + 1) * rows)
+        # (I - H_ii) is singular along what the block's own unknowns absorb: its root on the rest.
+        values, vectors = np.linalg.eigh(np.eye(rows) - hat[own, own])
+        root = (vectors * np.where(values > 1e-9, 1 / np.sqrt(np.maximum(values, 1e-300)), 0)) @ vectors.T
+        move = (bread @ X[own].T @ root @ r[own])[:ns]
+        middle += np.outer(move, move)
+        expected.append(i)
+    plain = bread[:ns, :ns]
+    effect = np.trace(np.linalg.solve(plain, middle)) / (ns * variance)
+    np.testing.assert_allclose(float(estimate.covariance.design_effect), effect, rtol=1e-6)
+    # Its spread by chance, from normal residuals with the model's columns projected out, block by block.
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(len(r), 4000)) * np.any(X != 0, axis=1)[:, None]
+    noise -= hat @ noise
+    total = np.zeros(4000)
+    for i in expected:
+        own = slice(i * rows, (i + 1) * rows)
+        values, vectors = np.linalg.eigh(np.eye(rows) - hat[own, own])
+        root = (vectors * np.where(values > 1e-9, 1 / np.sqrt(np.maximum(values, 1e-300)), 0)) @ vectors.T
+        move = (bread @ X[own].T @ root @ noise[own])[:ns]
+        total += np.sum(move * np.linalg.solve(plain, move), axis=0) / ns
+    if case.problem.prior is None:
+        assert abs(total.mean() - 1.0) < 5 * total.std() / np.sqrt(4000)
+    # The formula takes blocks as independent of each other; they are tied by the shared unknowns.
+    assert 0.6 < float(estimate.covariance.chance) / total.std() < 1.6

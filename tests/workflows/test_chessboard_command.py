@@ -1,6 +1,11 @@
 """`jaxmocap calibrate chessboard` from photographs to files, and what it does with bad input."""
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
+import time
 import tomllib
 from pathlib import Path
 
@@ -125,3 +130,18 @@ def test_calibrates_the_opencv_photographs(jaxmocap, data_dir: Path, tmp_path: P
     assert done.status == 0, done.text
     result = read_json(tmp_path / "left.json")
     assert result["views_used"] == 13 and result["rms_px"] < 0.25
+
+
+def test_interrupted_is_130_and_leaves_files_whole(compiled: Path, photos: Path, tmp_path: Path) -> None:
+    (tmp_path / "camera.toml").write_text("old")
+    env = {**os.environ, "JAXMOCAP_CACHE_DIR": str(compiled)}
+    command = [sys.executable, "-m", "jaxmocap", "calibrate", "chessboard", str(photos), *OPTIONS]
+    running = subprocess.Popen(
+        command, cwd=tmp_path, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(1.5)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=120)
+    assert running.returncode == 130, err
+    assert "interrupted" in err and (tmp_path / "camera.toml").read_text() == "old"
+    assert not list(tmp_path.glob("*.tmp*"))
