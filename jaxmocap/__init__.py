@@ -12,8 +12,6 @@ _PUBLIC = {
 }
 _PACKAGES = ("geometry", "optim", "cameras", "vision", "calibration", "closed_forms", "synthetic", "io", "report")
 
-__all__ = [*_PUBLIC, *_PACKAGES]
-
 
 def __getattr__(name: str) -> object:
     """Resolve public names when they are asked for: importing jaxmocap alone does not import JAX."""
@@ -27,4 +25,4 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*_PUBLIC, *_PACKAGES])

@@ -69,7 +69,7 @@ def intrinsics_from_conic(b: Float[Array, "6"]) -> tuple[Intrinsics, Flag]:
 def fit_intrinsics_linear(
     homographies: Float[Array, "views 3 3"],
     mask: Bool[Array, "views"],
-    image_size: tuple[Float[Array, ""] | float, Float[Array, ""] | float],
+    image_size: tuple[Float[Array, ""] | float | int, Float[Array, ""] | float | int],
     skew: bool = False,
 ) -> tuple[Intrinsics, Flag]:
     r"""Calibration matrix from the homographies of a plane.
@@ -112,7 +112,7 @@ def fit_intrinsics_linear(
 def fit_focal_linear(
     homographies: Float[Array, "views 3 3"],
     mask: Bool[Array, "views"],
-    image_size: tuple[Float[Array, ""] | float, Float[Array, ""] | float],
+    image_size: tuple[Float[Array, ""] | float | int, Float[Array, ""] | float | int],
 ) -> tuple[Intrinsics, Flag]:
     """One focal length with the principal point in the image centre: what two nearly parallel views still give.
 

@@ -157,7 +157,8 @@ def _draw_markers(rng: np.random.Generator, cameras: BarCameras, blocks: int) ->
     found: list[BarMarkers] = []
     while sum(m.a.shape[0] for m in found) < blocks:
         drawn = _candidates(rng, 4 * blocks + 64)
-        found.append(jax.tree.map(lambda x, keep=np.flatnonzero(_in_view(cameras, drawn)): x[keep], drawn))
+        keep = np.flatnonzero(_in_view(cameras, drawn))
+        found.append(BarMarkers(drawn.a[keep], drawn.b[keep]))
     return jax.tree.map(lambda *parts: jnp.concatenate(parts)[:blocks], *found)
 
 

@@ -150,7 +150,7 @@ def _square_on(estimate: Estimate, views: TargetViews) -> str:
     cosines = np.abs(described.R_camera_target[..., 2, 2][seen])
     if cosines.size and cosines.min() > np.cos(np.radians(5.0)):
         return (
-            " All views show the target nearly parallel to the image, which says nothing about the focal length: tilt it "
+            " All views show the target nearly parallel to the image, which says nothing of the focal length: tilt it "
             "20-45 degrees, in different directions, in 6 or more views."
         )
     return ""

@@ -29,12 +29,13 @@ class Row:
 
     def cells(self) -> tuple[str, str, str, str, str]:
         """Name, our number, the peer's number, ratio, note."""
-        if not self.peer:
-            return self.name, f"{self.value:.3g} {self.unit}", "", "", self.note
-        if self.peer_value is None:
-            return self.name, f"{self.value:.3g} {self.unit}", f"{self.peer}: not measured", "", self.note
-        ratio = f"{self.peer_value / self.value:.2f} x"
-        return self.name, f"{self.value:.3g} {self.unit}", f"{self.peer}: {self.peer_value:.3g} {self.unit}", ratio, self.note
+        ours, theirs, ratio = f"{self.value:.3g} {self.unit}", "", ""
+        if self.peer and self.peer_value is None:
+            theirs = f"{self.peer}: not measured"
+        elif self.peer and self.peer_value is not None:
+            theirs = f"{self.peer}: {self.peer_value:.3g} {self.unit}"
+            ratio = f"{self.peer_value / self.value:.2f} x"
+        return self.name, ours, theirs, ratio, self.note
 
 
 def use_cores(threads: int = THREADS) -> None:

@@ -14,7 +14,7 @@ from jaxmocap.calibration.zhang import (
 )
 from jaxmocap.geometry import Pose
 
-SIZE = (640, 480)
+SIZE = (640.0, 480.0)
 K_SKEW = np.array([[800.0, 3.5, 330.0], [0, 780.0, 225.0], [0, 0, 1]])
 K_PLAIN = np.array([[800.0, 0, 330.0], [0, 780.0, 225.0], [0, 0, 1]])
 ROTVECS = np.array([[0.4, 0.1, 0.2], [-0.3, 0.5, 1.0], [0.2, -0.6, -0.5], [0.5, 0.5, 2.0]])
@@ -100,17 +100,17 @@ def test_pose_of_a_wrong_homography_has_the_nearest_rotation():
     pose = pose_from_homography(jnp.eye(3), jnp.asarray(G))
     G = G * 2 / (np.linalg.norm(G[:, 0]) + np.linalg.norm(G[:, 1]))
     U, _, Vt = np.linalg.svd(np.stack([G[:, 0], G[:, 1], np.cross(G[:, 0], G[:, 1])], axis=1))
-    np.testing.assert_allclose(Rotation.from_rotvec(pose.rotvec).as_matrix(), U @ Vt, atol=1e-12)
+    np.testing.assert_allclose(Rotation.from_rotvec(np.array(pose.rotvec)).as_matrix(), U @ Vt, atol=1e-12)
 
 
 def test_mirrored_pose_is_an_involution_that_keeps_the_centre():
     centre = np.array([120.0, 75.0, 0.0])
     pose = Pose(jnp.asarray([0.5, -0.4, 0.3]), jnp.asarray([-30.0, 20.0, 900.0]))
     other = mirrored_pose(pose, jnp.asarray(centre))
-    where = [Rotation.from_rotvec(p.rotvec).apply(centre) + np.asarray(p.translation) for p in (pose, other)]
+    where = [Rotation.from_rotvec(np.array(p.rotvec)).apply(centre) + np.asarray(p.translation) for p in (pose, other)]
     np.testing.assert_allclose(where[0], where[1], atol=1e-9)
     v = where[0] / np.linalg.norm(where[0])
-    n, m = (Rotation.from_rotvec(p.rotvec).as_matrix()[:, 2] for p in (pose, other))
+    n, m = (Rotation.from_rotvec(np.array(p.rotvec)).as_matrix()[:, 2] for p in (pose, other))
     np.testing.assert_allclose(m, 2 * (n @ v) * v - n, atol=1e-12)
     back = mirrored_pose(other, jnp.asarray(centre))
     np.testing.assert_allclose(back.rotvec, pose.rotvec, atol=1e-9)
@@ -126,7 +126,7 @@ def test_mirrored_pose_of_a_far_plane_looks_the_same():
         other = mirrored_pose(pose, jnp.zeros(3))
         seen = []
         for p in (pose, other):
-            q = Rotation.from_rotvec(p.rotvec).apply(board) + np.asarray(p.translation)
+            q = Rotation.from_rotvec(np.array(p.rotvec)).apply(board) + np.asarray(p.translation)
             seen.append(q[:, :2] / q[:, 2:] * distance)
         assert np.abs(seen[0] - seen[1]).max() < limit
 
