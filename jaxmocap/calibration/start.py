@@ -24,8 +24,15 @@ _FLAT = 1e-3
 _POINTS, _VIEWS = 48, 16
 
 
-def _plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each view the pose (4x4) of its best plane in the target's frame, and whether its points are flat."""
+def plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Best planes of targets.
+
+    Args:
+        points: (views, points, 3) in the target's frame [scene].
+        seen: (views, points), True where a point counts.
+    Returns:
+        Pose of each view's plane in the target's frame, (views, 4, 4), and whether its points are flat, (views,).
+    """
     frames = np.tile(np.eye(4), (len(points), 1, 1))
     flat = np.zeros(len(points), bool)
     for i, (p, m) in enumerate(zip(points, seen)):
@@ -80,7 +87,7 @@ def start_camera(
         SolveError: if no view shows enough points.
     Source: optical tracking document, algorithms 1-3.
     """
-    frames, flat = _plane_frames(points, seen)
+    frames, flat = plane_frames(points, seen)
     count = seen.sum(axis=1)
     solid = ~flat & (count >= 6)
     use = (flat & (count >= 4)) | solid

@@ -31,9 +31,7 @@ def _check_model(distortion: str) -> DistortionModel:
 
 
 def _not_found(detected: BoardDetections) -> tuple[tuple[str, str], ...]:
-    return tuple(
-        (name, "the whole board was not found") for name, ok in zip(detected.names, detected.found) if not ok
-    )
+    return tuple((name, "the whole board was not found") for name, ok in zip(detected.names, detected.found) if not ok)
 
 
 def _loader(paths: list[dict[str, Path]], names: list[tuple[str | None, ...]]) -> Callable[[int, int], np.ndarray]:
@@ -88,9 +86,7 @@ def calibrate_chessboard(
         np.tile(target, (len(keep), 1, 1)), detected.uv[keep][:, None], np.ones((len(keep), 1, len(target)), bool)
     )
     sizes = [detected.image_size]
-    estimate, free, frozen = solve_targets(
-        views, [name], sizes, distortion=model, skew=skew, robust=robust
-    )
+    estimate, free, frozen = solve_targets(views, [name], sizes, distortion=model, skew=skew, robust=robust)
     names: list[tuple[str | None, ...]] = [(detected.names[i],) for i in keep]
     paths = [{p.name: p for p in expand_photos(files)}]
     return CalibrationResult(
@@ -210,9 +206,7 @@ def calibrate_stereo(
     visible = np.repeat(found[:, :, None], len(target), axis=2)
     views = make_views(np.tile(target, (len(uv), 1, 1)), uv, visible)
     sizes = [d.image_size for d in seen]
-    estimate, free, frozen = solve_targets(
-        views, list(names), sizes, distortion=model, skew=skew, robust=robust
-    )
+    estimate, free, frozen = solve_targets(views, list(names), sizes, distortion=model, skew=skew, robust=robust)
     inputs = {f"{camera}/{n}": h for camera, d in zip(names, seen) for n, h in zip(d.names, d.sha256)}
     paths = [{p.name: p for p in expand_photos(f)} for f in files]
     return CalibrationResult(

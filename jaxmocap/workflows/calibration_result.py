@@ -13,6 +13,7 @@ import numpy as np
 from jaxmocap.calibration.boards import LENS_NAMES, POSE_NAMES, TargetViews, parameter_names
 from jaxmocap.calibration.describe import RigDescription, describe
 from jaxmocap.calibration.evidence import CameraEvidence, Weakness, board_attitude, real_radius_px
+from jaxmocap.calibration.start import plane_frames
 from jaxmocap.calibration.weakness import find_weaknesses
 from jaxmocap.cameras import Camera
 from jaxmocap.geometry import Pose
@@ -108,21 +109,26 @@ class CalibrationResult:
 
     @property
     def rms_px(self) -> float:
-        """Root of the mean squared residual length per point [px]."""
-        return self._rms(self.visible)
+        """Root of the mean squared residual length per point that was not rejected [px]."""
+        return self._rms(self.used)
 
     def _rms(self, mask: np.ndarray) -> float:
         squares = np.sum(self.residual**2, axis=-1)
         return float(np.sqrt(np.sum(squares[mask]) / max(int(mask.sum()), 1)))
 
     @cached_property
-    def rejected(self) -> int:
-        """Observations that a robust fit gave less than a quarter of a say."""
+    def used(self) -> np.ndarray:
+        """What was seen and not rejected: a robust fit gave it a quarter of a say or more."""
         if not self.settings.robust:
-            return 0
+            return self.visible
         s = np.sum(self.residual**2, axis=-1) / np.asarray(self.views.seen.sigma) ** 2
         w = 1.0 / (1.0 + s / float(self.estimate.stats["loss_width"]) ** 2)  # weight of the Cauchy loss
-        return int(np.sum((w < _REJECTED_BELOW) & self.visible))
+        return self.visible & (w >= _REJECTED_BELOW)
+
+    @property
+    def rejected(self) -> int:
+        """Observations that a robust fit gave less than a quarter of a say."""
+        return int(self.visible.sum() - self.used.sum())
 
     def camera(self, index: int = 0) -> Camera:
         """One calibrated camera; the world is the first camera."""
@@ -182,7 +188,7 @@ class CalibrationResult:
             "warnings": [w.sentence for w in self.weaknesses if w.severity != "note"] + list(self.notes),
             "rms_px": self.rms_px,
             "views_used": int(self.visible.any(axis=(1, 2)).sum()),
-            "observations_used": int(self.visible.sum()) - self.rejected,
+            "observations_used": int(self.used.sum()),
             "observations_rejected": self.rejected,
             "frozen": self.frozen_names(),
             "cameras": [self._camera_dict(k) for k in range(len(self.cameras))],
@@ -213,8 +219,8 @@ class CalibrationResult:
         return {n: float(getattr(lens.intrinsics, n, getattr(lens.distortion, n, 0.0))) for n in LENS_NAMES}
 
     def _mask(self, k: int) -> np.ndarray:
-        mask = np.zeros_like(self.visible)
-        mask[:, k] = self.visible[:, k]
+        mask = np.zeros_like(self.used)
+        mask[:, k] = self.used[:, k]
         return mask
 
     # --- what speaks against it, and the report ------------------------------------------------------------------
@@ -223,8 +229,7 @@ class CalibrationResult:
     def weaknesses(self) -> tuple[Weakness, ...]:
         """Everything that speaks against the result, the most serious first."""
         found: list[Weakness] = []
-        planar = all(np.ptp(p[v.any(axis=0)][:, 2]) == 0 for p, v in zip(np.asarray(self.views.points), self.visible)
-                     if v.any())  # fmt: skip
+        planar = bool(self._planes[1][self.visible.any(axis=1).sum(axis=1) >= 4].all())
         for k, name in enumerate(self.cameras):
             report = self._camera_report(k)
             found += find_weaknesses(
@@ -256,6 +261,10 @@ class CalibrationResult:
         return tuple(sorted(found, key=lambda w: rank[w.severity]))
 
     @cached_property
+    def _planes(self) -> tuple[np.ndarray, np.ndarray]:
+        return plane_frames(np.asarray(self.views.points), self.visible.any(axis=1))
+
+    @cached_property
     def _views(self) -> tuple[ViewReport, ...]:
         out = []
         points = np.asarray(self.views.points)
@@ -268,9 +277,11 @@ class CalibrationResult:
 
     def _view(self, i: int, k: int, name: str, points: np.ndarray, seen: np.ndarray) -> ViewReport:
         R, t = self.numbers.R_camera_target[i, k], self.numbers.t_camera_target[i, k]
-        tilt, direction, depth = board_attitude(R, R @ points.mean(axis=0) + t)
+        # The target's own plane need not be z = 0 of its frame.
+        tilt, direction, depth = board_attitude(R @ self._planes[0][i, :3, :3], R @ points.mean(axis=0) + t)
         uv, residual = np.asarray(self.views.seen.uv)[i, k][seen], self.residual[i, k][seen]
-        rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+        used = self.used[i, k][seen]
+        rms = float(np.sqrt(np.mean(np.sum(residual[used] ** 2, axis=1)))) if used.any() else 0.0
         return ViewReport(name, k, uv, residual, rms, tilt, direction, depth)
 
     def _camera_report(self, k: int) -> CameraReport:
@@ -340,7 +351,7 @@ class CalibrationResult:
             rms_px=self.rms_px,
             cameras=tuple(self._camera_report(k) for k in range(len(self.cameras))),
             views=self._with_photos(self._views) if pictures else self._views,
-            observations=int(self.visible.sum()) - self.rejected,
+            observations=int(self.used.sum()),
             unit=self.settings.unit,
             board=self.settings.board,
             rejected=self.rejected,

@@ -27,9 +27,7 @@ from jaxmocap.results import RESULTS, Estimate
 _MOST_FREEZES = 6
 
 
-def make_views(
-    points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: np.ndarray | None = None
-) -> TargetViews:
+def make_views(points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: np.ndarray | None = None) -> TargetViews:
     """Views padded to a size that few compilations serve; the added ones see nothing.
 
     Args:
@@ -127,9 +125,7 @@ def solve_targets(
     return estimate, free, frozen
 
 
-def _without(
-    start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: list[tuple[int, int]]
-) -> ArrowVariables:
+def _without(start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: list[tuple[int, int]]) -> ArrowVariables:
     """Start values with the named numbers at what they are held at: 0, or the image centre."""
     lenses = []
     for lens, gone, (width, height) in zip(start.shared.lenses, names, image_sizes):
