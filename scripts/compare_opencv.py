@@ -13,6 +13,7 @@ translation that J.-Y. Bouguet published for it, too.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -28,6 +29,7 @@ from jaxmocap.calibration.boards import (
     refine_targets,
 )
 from jaxmocap.calibration.start import start_rig
+from jaxmocap.cameras import BrownDistortion
 from jaxmocap.observations import PixelObservations
 from jaxmocap.results import Estimate
 
@@ -69,6 +71,9 @@ def ours(points: np.ndarray, uv: np.ndarray, size: tuple[int, int], model: str) 
     views = TargetViews(on_board, PixelObservations.of(jnp.asarray(uv)))
     cameras = uv.shape[1]
     start, _ = start_rig(views, [size] * cameras, [f"camera {k}" for k in range(cameras)])
+    if model == "none":  # what is not sought keeps its start value
+        none = [replace(lens, distortion=BrownDistortion.none()) for lens in start.shared.lenses]
+        start = replace(start, shared=replace(start.shared, lenses=tuple(none)))
     return refine_targets(start, views, free_parameters(cameras, model, False))
 
 

@@ -178,9 +178,7 @@ def refine_targets(
     else:
         estimate = _refine_robust(start, views, loss, options)
     rms = jnp.sqrt(2.0 * estimate.stats["cost"] / jnp.maximum(points_seen, 1.0))
-    return eqx.tree_at(
-        lambda e: e.stats, estimate, {**estimate.stats, "rms_px": rms, "observations": points_seen}
-    )
+    return eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "rms_px": rms, "observations": points_seen})
 
 
 def _refine_robust(start: ArrowVariables, views: TargetViews, loss: Loss, options: dict[str, Any]) -> Estimate:

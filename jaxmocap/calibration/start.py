@@ -20,6 +20,9 @@ from jaxmocap.optim import ArrowVariables
 # Points whose spread across their best plane is below this fraction of their spread within it count as flat: the
 # homography of a plane that thick is wrong by a fraction of a pixel, a projection matrix from it by everything.
 _FLAT = 1e-3
+# Images that leave their best line by less than the noise of a good corner are a line: a target seen edge-on, or
+# one and the same pixel repeated. Such a view has no pose.
+_LINE_PX = 0.5
 # A start needs no more: 48 points fix a homography to a fraction of their noise, 16 views a calibration matrix.
 _POINTS, _VIEWS = 48, 16
 
@@ -40,12 +43,32 @@ def plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.n
             continue
         centre = p[m].mean(axis=0)
         _, s, Vt = np.linalg.svd(p[m] - centre, full_matrices=False)
-        flat[i] = s[2] <= _FLAT * s[1]
+        flat[i] = s[2] <= _FLAT * s[1] and s[1] > _FLAT * s[0]
         if np.allclose(p[m][:, 2], 0.0):
             continue  # already its own plane: keep the user's axes, whose z points away from the camera
         R = Vt.T * np.array([1.0, 1.0, np.sign(np.linalg.det(Vt))])
         frames[i, :3, :3], frames[i, :3, 3] = R, centre
     return frames, flat
+
+
+def _spread_in_space(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Whether the seen points of each view extend in all three dimensions (and not along a line)."""
+    out = np.zeros(len(points), bool)
+    for i, (p, m) in enumerate(zip(points, seen)):
+        if m.sum() >= 4:
+            s = np.linalg.svd(p[m] - p[m].mean(axis=0), compute_uv=False)
+            out[i] = s[2] > _FLAT * s[0]
+    return out
+
+
+def _spread_in_image(uv: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Whether the seen points of each view spread over more than a line of pixels in the image."""
+    out = np.zeros(len(uv), bool)
+    for i, (p, m) in enumerate(zip(uv, seen)):
+        if m.sum() >= 4:
+            s = np.linalg.svd(p[m] - p[m].mean(axis=0), compute_uv=False)
+            out[i] = s[1] > _LINE_PX * np.sqrt(m.sum())
+    return out
 
 
 def _subset(points: np.ndarray, uv: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -89,12 +112,12 @@ def start_camera(
     """
     frames, flat = plane_frames(points, seen)
     count = seen.sum(axis=1)
-    solid = ~flat & (count >= 6)
-    use = (flat & (count >= 4)) | solid
+    solid = ~flat & (count >= 6) & _spread_in_space(points, seen)
+    use = ((flat & (count >= 4)) | solid) & _spread_in_image(uv, seen)
     if not use.any():
         raise SolveError(
             "No view shows enough points for a start: 4 points of a flat target or 6 of one with depth are needed "
-            "in at least one view."
+            "in at least one view, not on one line."
         )
     few = (*_subset(points, uv, seen), np.linalg.inv(frames), flat)
     chosen = np.flatnonzero(use)

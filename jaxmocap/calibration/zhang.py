@@ -49,9 +49,7 @@ def intrinsics_from_conic(b: Float[Array, "6"]) -> tuple[Intrinsics, Flag]:
     Source: optical tracking document, eq. 4.32; Zhang, PAMI 22(11), 2000, appendix B.
     """
     b = b * jnp.where(b[0] < 0, -1.0, 1.0)
-    B = jnp.stack(
-        [jnp.stack([b[0], b[1], b[3]]), jnp.stack([b[1], b[2], b[4]]), jnp.stack([b[3], b[4], b[5]])]
-    )
+    B = jnp.stack([jnp.stack([b[0], b[1], b[3]]), jnp.stack([b[1], b[2], b[4]]), jnp.stack([b[3], b[4], b[5]])])
     minor = b[0] * b[2] - b[1] * b[1]
     real = (b[0] > 0) & (minor > 0) & (determinant(B) > 0)
     det = jnp.where(real, minor, 1.0)

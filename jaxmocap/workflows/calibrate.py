@@ -13,7 +13,7 @@ from jaxmocap.calibration.boards import MODELS, DistortionModel, chessboard_poin
 from jaxmocap.io import hash_files, read_correspondences
 from jaxmocap.vision import BoardDetections, consistent_order, detect_boards, expand_photos, read_photo
 from jaxmocap.workflows.calibration_result import CalibrationResult, Settings
-from jaxmocap.workflows.target_solve import make_views, solve_targets
+from jaxmocap.workflows.target_solve import SolvedTargets, make_views, solve_targets
 from jaxmocap.workflows.units import parse_length, parse_pair, parse_sizes
 
 Progress = Callable[[int, int], None]
@@ -32,6 +32,11 @@ def _check_model(distortion: str) -> DistortionModel:
 
 def _not_found(detected: BoardDetections) -> tuple[tuple[str, str], ...]:
     return tuple((name, "the whole board was not found") for name, ok in zip(detected.names, detected.found) if not ok)
+
+
+def _poseless(solved: SolvedTargets, names: list[tuple[str | None, ...]]) -> tuple[tuple[str, str], ...]:
+    reason = "fewer than 4 points, or all on a line: the target has no pose"
+    return tuple((names[v][k] or f"view {v}", reason) for v, k in solved.dropped)
 
 
 def _loader(paths: list[dict[str, Path]], names: list[tuple[str | None, ...]]) -> Callable[[int, int], np.ndarray]:
@@ -86,14 +91,14 @@ def calibrate_chessboard(
         np.tile(target, (len(keep), 1, 1)), detected.uv[keep][:, None], np.ones((len(keep), 1, len(target)), bool)
     )
     sizes = [detected.image_size]
-    estimate, free, frozen = solve_targets(views, [name], sizes, distortion=model, skew=skew, robust=robust)
+    solved = solve_targets(views, [name], sizes, distortion=model, skew=skew, robust=robust)
     names: list[tuple[str | None, ...]] = [(detected.names[i],) for i in keep]
     paths = [{p.name: p for p in expand_photos(files)}]
     return CalibrationResult(
-        estimate=estimate,
-        views=views,
-        free=free,
-        frozen=frozen,
+        estimate=solved.estimate,
+        views=solved.views,
+        free=solved.free,
+        frozen=solved.frozen,
         cameras=(name,),
         image_sizes=tuple(sizes),
         view_names=tuple(names),
@@ -107,7 +112,7 @@ def calibrate_chessboard(
             robust=robust,
             inputs=dict(zip(detected.names, detected.sha256)),
         ),
-        skipped=_not_found(detected),
+        skipped=_not_found(detected) + _poseless(solved, names),
         notes=tuple(detected.warnings),
         load_grey=_loader(paths, names),
     )
@@ -206,14 +211,14 @@ def calibrate_stereo(
     visible = np.repeat(found[:, :, None], len(target), axis=2)
     views = make_views(np.tile(target, (len(uv), 1, 1)), uv, visible)
     sizes = [d.image_size for d in seen]
-    estimate, free, frozen = solve_targets(views, list(names), sizes, distortion=model, skew=skew, robust=robust)
+    solved = solve_targets(views, list(names), sizes, distortion=model, skew=skew, robust=robust)
     inputs = {f"{camera}/{n}": h for camera, d in zip(names, seen) for n, h in zip(d.names, d.sha256)}
     paths = [{p.name: p for p in expand_photos(f)} for f in files]
     return CalibrationResult(
-        estimate=estimate,
-        views=views,
-        free=free,
-        frozen=frozen,
+        estimate=solved.estimate,
+        views=solved.views,
+        free=solved.free,
+        frozen=solved.frozen,
         cameras=tuple(names),
         image_sizes=tuple(sizes),
         view_names=tuple(view_names),
@@ -227,7 +232,10 @@ def calibrate_stereo(
             robust=robust,
             inputs=inputs,
         ),
-        skipped=_not_found(seen[0]) + _not_found(seen[1]) + tuple((n, "it has no partner") for n in lone),
+        skipped=_not_found(seen[0])
+        + _not_found(seen[1])
+        + tuple((n, "it has no partner") for n in lone)
+        + _poseless(solved, view_names),
         notes=tuple(seen[0].warnings) + tuple(seen[1].warnings),
         load_grey=_loader(paths, view_names),
     )
@@ -270,17 +278,18 @@ def calibrate_points(
     cameras = list(table.camera_labels) or ["cam1"]
     sizes = parse_sizes([size] if isinstance(size, str) else list(size), cameras)
     notes = list(table.warnings) + _outside(table.uv, table.camera, cameras, sizes)
+    names: list[tuple[str | None, ...]] = [(f"view {label}",) * len(cameras) for label in table.view_labels]
     points, uv, visible, sigma = _by_view(table.view, table.camera, table.xyz, table.uv, table.sigma, cameras)
     views = make_views(points, uv, visible, sigma)
-    estimate, free, frozen = solve_targets(views, cameras, sizes, distortion=model, skew=skew, robust=robust)
+    solved = solve_targets(views, cameras, sizes, distortion=model, skew=skew, robust=robust)
     return CalibrationResult(
-        estimate=estimate,
-        views=views,
-        free=free,
-        frozen=frozen,
+        estimate=solved.estimate,
+        views=solved.views,
+        free=solved.free,
+        frozen=solved.frozen,
         cameras=tuple(cameras),
         image_sizes=tuple(sizes),
-        view_names=tuple((str(label),) * len(cameras) for label in table.view_labels),
+        view_names=tuple(names),
         settings=Settings(
             command=command,
             unit=unit,
@@ -289,6 +298,7 @@ def calibrate_points(
             robust=robust,
             inputs=hash_files([correspondences]),
         ),
+        skipped=_poseless(solved, names),
         notes=tuple(notes),
     )
 

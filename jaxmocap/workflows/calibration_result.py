@@ -262,7 +262,7 @@ class CalibrationResult:
 
     @cached_property
     def _planes(self) -> tuple[np.ndarray, np.ndarray]:
-        return plane_frames(np.asarray(self.views.points), self.visible.any(axis=1))
+        return plane_frames(np.asarray(self.views.points), np.any(self.visible, axis=1))
 
     @cached_property
     def _views(self) -> tuple[ViewReport, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -71,6 +71,19 @@ def _check_enough(views: TargetViews, cameras: list[str], names: int) -> None:
             )
 
 
+class SolvedTargets(NamedTuple):
+    """What `solve_targets` found."""
+
+    estimate: Estimate
+    views: TargetViews
+    """The views that were used."""
+    free: ArrowVariables
+    frozen: tuple[tuple[str, ...], ...]
+    """For each camera the names held because the data do not determine them."""
+    dropped: tuple[tuple[int, int], ...]
+    """(view, camera) of what could not be used: too few points, or points on a line."""
+
+
 def solve_targets(
     views: TargetViews,
     cameras: list[str],
@@ -80,7 +93,7 @@ def solve_targets(
     skew: bool = False,
     robust: bool = False,
     progress: Callable[[Any, Any, Any], None] | None = None,
-) -> tuple[Estimate, ArrowVariables, tuple[tuple[str, ...], ...]]:
+) -> SolvedTargets:
     """Calibrate cameras from what they saw of known targets.
 
     Args:
@@ -93,7 +106,7 @@ def solve_targets(
         progress: called with (step, cost, damping).
 
     Returns:
-        estimate; what was free; names frozen because the data do not determine them, for each camera.
+        SolvedTargets.
 
     Raises:
         InputError: a camera that saw nothing, 32-bit JAX.
@@ -102,7 +115,8 @@ def solve_targets(
     require_x64("A calibration")
     free_parameters(len(cameras), distortion, skew)  # refuses an unknown model before anything else
     _check_enough(views, cameras, len(MODELS[distortion]) + skew)
-    start, _ = start_rig(views, image_sizes, cameras)
+    start, used = start_rig(views, image_sizes, cameras)
+    views, dropped = _without_poseless(views, used)
     start = _without(start, [tuple({"k1", "k2"} - set(MODELS[distortion]))] * len(cameras), image_sizes)
     frozen: tuple[tuple[str, ...], ...] = ((),) * len(cameras)
     for _ in range(_MOST_FREEZES + 1):
@@ -122,7 +136,20 @@ def solve_targets(
     if not estimate.success:
         raise SolveError(f"{estimate.sentence}{_square_on(estimate, views)}")
     _check_cameras(estimate, cameras)
-    return estimate, free, frozen
+    return SolvedTargets(estimate, views, free, frozen, dropped)
+
+
+def _without_poseless(views: TargetViews, used: np.ndarray) -> tuple[TargetViews, tuple[tuple[int, int], ...]]:
+    """The views without those in which a camera sees too few points, or points on a line, to have a pose.
+
+    A rig's view keeps what little a camera saw of it if another camera fixes its pose.
+    """
+    seen = np.asarray(views.seen.visible)
+    poseless = np.any(seen, axis=2) & ~np.any(used, axis=0)[:, None]
+    if not poseless.any():
+        return views, ()
+    kept = replace(views.seen, visible=jnp.asarray(seen & ~poseless[:, :, None]))
+    return replace(views, seen=kept), tuple((int(v), int(k)) for v, k in np.argwhere(poseless))
 
 
 def _without(start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: list[tuple[int, int]]) -> ArrowVariables:

@@ -45,7 +45,8 @@ def test_one_camera(stereo):
     estimate = refine_targets(start, one, free_parameters(1, "k1k2", False))
     rms, K, k, _, _, sigmas, *_ = cv2.calibrateCameraExtended(points, uv, SIZE, None, None, flags=FLAGS, criteria=TIGHT)
     lens = estimate.value.shared.lenses[0]
-    found = np.array([*(float(getattr(lens.intrinsics, n)) for n in ("fx", "fy", "cx", "cy")), float(lens.distortion.k1), float(lens.distortion.k2)])  # fmt: skip
+    inner = [float(getattr(lens.intrinsics, n)) for n in ("fx", "fy", "cx", "cy")]
+    found = np.array([*inner, float(lens.distortion.k1), float(lens.distortion.k2)])
     theirs = np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2], k.ravel()[0], k.ravel()[1]])
     plain = np.sqrt(np.diag(estimate.covariance.shared_plain()))
     assert np.abs((found - theirs) / plain).max() < 1e-3

@@ -30,13 +30,15 @@ def test_corners_are_opencvs(stereo):
     pose = stereo.truth.local
     for view in range(5):
         board = np.array(stereo.views.points[view])
-        R, t = Rotation.from_rotvec(np.array(pose.rotvec[view])), np.asarray(pose.translation[view])
+        R, t = Rotation.from_rotvec(np.array(pose.rotvec[view])), np.array(pose.translation[view])
         R2 = Rotation.from_rotvec(R_RIGHT) * R
         t2 = Rotation.from_rotvec(R_RIGHT).apply(t) + T_RIGHT
         for camera, (numbers, rot, move) in enumerate(((LEFT, R, t), (RIGHT, R2, t2))):
             fx, fy, cx, cy, k = numbers
             K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-            expected = cv2.projectPoints(board, np.array(rot.as_rotvec()), np.array(move), K, np.pad(k, (0, 5 - len(k))))[0].reshape(-1, 2)
+            distortion = np.pad(k, (0, 5 - len(k)))
+            place = np.array(rot.as_rotvec()), np.array(move)
+            expected = cv2.projectPoints(board, *place, K, distortion)[0].reshape(-1, 2)
             seen = np.asarray(stereo.views.seen.visible[view, camera])
             assert np.all(expected[seen] >= 0) and np.all(expected[seen] <= [639, 479])
             np.testing.assert_allclose(stereo.views.seen.uv[view, camera][seen], expected[seen], atol=1e-9)
