@@ -116,6 +116,8 @@ def _run(job: Callable[[], "CalibrationResult"], outputs: _Outputs, inputs: list
     try:
         _check_places(outputs, inputs)
         _use_jax()
+        if sys.stderr.isatty():
+            print("calibrating (the first run compiles, later ones are faster) ...", file=sys.stderr)
         result = job()
         serious = [w for w in result.weaknesses if w.severity == "serious"]
         if serious and not force:
@@ -166,7 +168,7 @@ def _write(result: "CalibrationResult", outputs: _Outputs) -> list[str]:
     if outputs.opencv:
         yaml, more = opencv_yaml_text(result.rig().cameras)
         files[outputs.opencv] = yaml.encode()
-        said = [*said, *(s for s in more if s not in said)]
+        said = said or more  # both speak of a skew
     write_many(files)
     return said
 

@@ -27,8 +27,8 @@ class RESULTS(optx.RESULTS):  # type: ignore[misc]
         "jump (a mask that depends on the unknowns), (b) a point on the wrong side of a camera. Give another start."
     )
     undetermined = (
-        "The data do not determine all free parameters: the normal equations are singular. Freeze parameters or "
-        "record views that differ more (tilt, distance, place in the image)."
+        "The data do not determine all free parameters: the normal equations are singular, and the covariance is "
+        "infinite. Freeze parameters, or add observations (of a calibration: views that differ more)."
     )
     too_few_observations = (
         "There are fewer observations than free parameters. Add views or points, or freeze parameters."

@@ -195,7 +195,7 @@ def _undetermined_lens(e: CameraEvidence) -> _Found:
             "lens-term-near-zero",
             "note",
             f"Not told apart from zero: {listed}.",
-            f"Calibrate without {' and '.join(weak)} (--distortion) and keep that if the RMS hardly grows.",
+            "If a model with fewer terms (--distortion) has nearly the same RMS, prefer it.",
         )
 
 

@@ -93,7 +93,9 @@ def _unit(normal: NormalEquations, idle: Bool[Array, "blocks"]) -> tuple[Array, 
     values, vectors = jnp.linalg.eigh(jnp.where(finite, reduced, jnp.eye(ns, dtype=reduced.dtype)))
     regular = regular_l & finite & (values[0] > _SINGULAR) & jnp.all(d > 0)
     inverse = (vectors / jnp.where(values > _SINGULAR, values, jnp.inf)[None, :]) @ vectors.T
-    return inverse * scale[:, None] * scale[None, :], factors.L, T, regular
+    unit = inverse * scale[:, None] * scale[None, :]
+    # What is not determined is not known at all, rather than perfectly.
+    return jnp.where(regular, unit, jnp.inf), factors.L, T, regular
 
 
 def _leave_one_out(

@@ -230,7 +230,8 @@ def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVari
         point = ArrowVariables(y.shared, cut_chunk(y.local, start, size))
         r, J_s, J_l = block_jacobians(problem, layout, point, part)
         # Without the barrier XLA recomputes the Jacobian inside every product.
-        n = _products(*jax.lax.optimization_barrier((r, J_s, J_l)), counts)
+        r, J_s, J_l = jax.lax.optimization_barrier((r, J_s, J_l))
+        n = _products(r, J_s, J_l, counts)
         ls, ll, g_l = put_chunk((total.ls, total.ll, total.g_l), (n.ls, n.ll, n.g_l), start)
         return NormalEquations(ss=total.ss + n.ss, ls=ls, ll=ll, g_s=total.g_s + n.g_s, g_l=g_l)
 

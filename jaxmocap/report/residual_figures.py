@@ -141,7 +141,7 @@ def residual_by_radius(camera: CameraReport, views: Sequence[ViewReport]) -> Pic
         draw(HALF, paint),
         "image/svg+xml",
         "Residual against radius",
-        "The red means stay at zero when the lens model fits; a wave means that it lacks a term.",
+        "The orange means stay at zero when the lens model fits; a wave means that it lacks a term.",
     )
 
 

@@ -79,12 +79,13 @@ def verdict_sentence(report: CalibrationReport) -> str:
     word = verdict(report)
     if not report.cameras:
         return "Do not use: there is no result."
+    notes = sum(w.severity == "note" for w in report.warnings)
     if word == "good":
-        return "Good: nothing in these photos speaks against the result."
+        return f"Good, with {count(notes, 'note')}." if notes else "Good: nothing speaks against the result."
     serious = [w for w in report.warnings if w.severity == "serious"]
     first = (serious or [w for w in report.warnings if w.severity == "warning"])[0]
     more = sum(w.severity != "note" for w in report.warnings) - 1
-    rest = f" ({more} more below)" if more else ""
+    rest = f", and {more} more" if more else ""
     return f"{word.capitalize()}: {first.sentence[0].lower() + first.sentence[1:].rstrip('.')}{rest}."
 
 
@@ -137,7 +138,8 @@ def summary_text(report: CalibrationReport) -> str:
     for name, reason in report.skipped:
         lines.append(f"  - {name}: {reason}")
     for warning in report.warnings:
-        lines += [f"  ! {warning.sentence}", f"    {warning.next_step}"]
+        mark = "-" if warning.severity == "note" else "!"
+        lines += [f"  {mark} {warning.sentence}", f"    {warning.next_step}"]
     return "\n".join([*lines, verdict_sentence(report), ""])
 
 

@@ -1,7 +1,7 @@
 """What a calibration gives its user: an object that shows itself, saves itself and can be computed with."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -146,7 +146,13 @@ class CalibrationResult:
             error=self.rms_px,
             sigmas=self.sigma,
             inputs=self.settings.inputs,
-            settings={"distortion": self.settings.distortion, "frozen": self.frozen_names()},
+            settings={
+                "distortion": self.settings.distortion,
+                "skew": self.settings.skew,
+                "robust": self.settings.robust,
+                "target": self.settings.board or "points",
+                "frozen": self.frozen_names(),
+            },
         )
 
     def frozen_names(self) -> list[str]:
@@ -185,7 +191,8 @@ class CalibrationResult:
             "message": self.estimate.sentence,
             "unit": self.settings.unit,
             "seed": None,
-            "warnings": [w.sentence for w in self.weaknesses if w.severity != "note"] + list(self.notes),
+            "warnings": [w.sentence for w in self.weaknesses] + list(self.notes),
+            "weaknesses": [asdict(w) for w in self.weaknesses],
             "rms_px": self.rms_px,
             "views_used": int(self.visible.any(axis=(1, 2)).sum()),
             "observations_used": int(self.used.sum()),

@@ -160,7 +160,7 @@ def test_the_verdict_follows_the_gravest_warning(warnings, word):
 
 def test_the_verdict_quotes_the_gravest_warning_and_counts_the_others():
     sentence = verdict_sentence(report(warnings=(WARNING, SERIOUS, NOTE)))
-    assert sentence == "Do not use: 1 view gives 2 equations (1 more below)."
+    assert sentence == "Do not use: 1 view gives 2 equations, and 1 more."
 
 
 def test_the_page_says_what_was_found():
