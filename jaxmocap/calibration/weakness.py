@@ -366,7 +366,8 @@ def _lens_misfit(e: CameraEvidence) -> _Found:
     """Residuals that go together within a photo make the sigmas per photo larger than those per corner.
 
     From 5 views on, chance alone spreads this ratio by 1 / sqrt(2 (5 - 1)) = 35 %: 2 is 3 sigma. The sigmas allow
-    for it; but n corners then count as n / ratio^2, and below 4 no homography is left of a photo.
+    for what differs from photo to photo, but not for what all photos share: a bent board moves every estimate the
+    same way. n corners then count as n / ratio^2, and below 4 no homography is left of a photo.
     """
     ratio = {n: e.sigma[n] / p for n, p in e.sigma_plain.items() if p > 0 and n in e.sigma}
     name = max(ratio, key=lambda n: ratio[n], default=None)
@@ -375,10 +376,11 @@ def _lens_misfit(e: CameraEvidence) -> _Found:
     worth = float(np.mean([len(v.uv) for v in e.views])) / ratio[name] ** 2
     yield Weakness(
         "correlated-residuals",
-        "warning" if worth < 4.0 else "note",
+        "warning",
         f"The residuals within a photo go together: sigma of {name} is {ratio[name]:.1f} times what independent "
         f"errors would give; a photo counts like {worth:.0f} independent corners.",
-        "The sigmas allow for it. Check the flatness of the board and the residual arrows; try more lens terms.",
+        "The sigmas allow for what differs between photos, not for a bent board. Check that it is flat; look at the "
+        "residual arrows; try more lens terms.",
     )
 
 

@@ -1,5 +1,6 @@
 """One damped step of the block solver is the dense step."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +42,7 @@ def test_step_is_the_dense_step(both):
     descent = ArrowDescent(scale)
     info = ArrowInfo(normal, jnp.asarray(0.5 * r @ r))
     state = descent.query(flat, info, descent.init(flat, info))
-    step = jax.jit(descent.step)
+    step = eqx.filter_jit(descent.step)
     for damping in DAMPINGS:
         found, _ = step(jnp.asarray(1.0 / damping if damping else np.inf), state)
         expected = np.zeros(len(D))

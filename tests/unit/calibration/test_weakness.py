@@ -259,7 +259,7 @@ def test_a_strange_square_is_a_question(square, unit, asked):
 
 
 def test_residuals_that_go_together():
-    for ratio, severity in ((2.5, "note"), (4.0, "warning")):
+    for ratio, severity in ((2.5, "warning"), (4.0, "warning")):
         plain = {n: s / ratio for n, s in good().sigma.items()}
         w = found(replace(good(), sigma_plain=plain), "correlated-residuals")
         assert w.severity == severity and f"{ratio} times" in w.sentence
