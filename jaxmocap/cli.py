@@ -21,6 +21,7 @@ app = App(
     help="Calibrate cameras and capture motion; every number comes with its standard deviation.",
     version_flags=["--version"],
     result_action="return_value",
+    suppress_keyboard_interrupt=False,
 )
 calibrate = App(name="calibrate", help="Find out what a camera, or several, are.")
 app.command(calibrate)
@@ -43,9 +44,13 @@ def main() -> None:
     """Run the command line and exit with its status: 0 done, 2 wrong input, 3 not solved, 130 interrupted."""
     try:
         status = app(print_error=True, exit_on_error=False)
+        sys.stdout.flush()
     except KeyboardInterrupt:
-        print("interrupted; nothing was written", file=sys.stderr)
+        print("interrupted", file=sys.stderr)
         status = INTERRUPTED
+    except BrokenPipeError:  # the reader of the summary has gone; the files are written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        status = DONE
     except Exception as error:
         from cyclopts import CycloptsError
 
@@ -141,6 +146,10 @@ def _failed(message: str, status: int) -> int:
     return status
 
 
+# An existing file that ends so is somebody's recording: no output replaces it.
+_INPUT_SUFFIXES = {".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".csv"}
+
+
 def _check_places(outputs: _Outputs, inputs: list[str]) -> None:
     """Refuse at once what could not be written after minutes of work, or would overwrite an input."""
     for path in outputs.all:
@@ -150,9 +159,10 @@ def _check_places(outputs: _Outputs, inputs: list[str]) -> None:
             raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first")
         if not os.access(path.absolute().parent, os.W_OK):
             raise InputError(f"{path}: the folder {path.absolute().parent} cannot be written to; choose another")
-        if any(path.exists() and Path(i).exists() and path.samefile(i) for i in inputs):
-            raise InputError(f"{path} is one of the inputs; give another name for the output")
-    if len({path.absolute() for path in outputs.all}) < len(outputs.all):
+        same = any(path.exists() and Path(i).exists() and path.samefile(i) for i in inputs)
+        if same or (path.exists() and path.suffix.lower() in _INPUT_SUFFIXES):
+            raise InputError(f"{path} is, or looks like, one of the inputs; give another name for the output")
+    if len({path.resolve() for path in outputs.all}) < len(outputs.all):
         raise InputError("two outputs have the same name; give each its own")
 
 
@@ -205,7 +215,8 @@ def _write_failure(outputs: _Outputs, error: JaxMocapError) -> None:
     }
     page = failure_html(command, str(error)).encode()
     for path, data in ((outputs.json, json_bytes(content)), (outputs.report, page)):
-        if path is None:
+        # Whatever was typed, a failure replaces neither a recording nor the rig.
+        if path is None or path.suffix.lower() in _INPUT_SUFFIXES or path.resolve() == outputs.rig.resolve():
             continue
         try:
             write_bytes(path, data)

@@ -130,6 +130,16 @@ def parameter_names(free: ArrowVariables) -> tuple[tuple[int, str], ...]:
     return tuple(names)
 
 
+@jax.jit
+def _prepare(poses: Pose, visible: Bool[Array, "views cameras points"]) -> tuple[Pose, Array, Array]:
+    """Poses with short rotation vectors, number of points seen, and which views count: one compilation, not ten."""
+    return (
+        jax.vmap(Pose.canonical)(poses),
+        jnp.sum(visible.astype(float)),
+        jnp.any(visible, axis=(1, 2)).astype(float),
+    )
+
+
 def refine_targets(
     start: ArrowVariables,
     views: TargetViews,
@@ -160,10 +170,8 @@ def refine_targets(
     Source: optical tracking document, algorithm 3; for two cameras its 4.5.
     """
     require_x64("refine_targets")
-    poses = jax.vmap(Pose.canonical)(start.local)
+    poses, points_seen, weight = _prepare(start.local, views.seen.visible)
     start = ArrowVariables(start.shared, poses)
-    points_seen = jnp.sum(views.seen.visible.astype(float))
-    weight = jnp.any(views.seen.visible, axis=(1, 2)).astype(float)
     options: dict[str, Any] = dict(
         free=free,
         weight=weight,

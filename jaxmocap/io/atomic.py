@@ -54,6 +54,10 @@ def write_many(files: Mapping[str | Path, bytes]) -> None:
             if not _is_stream(path):
                 target = Path(_real(path))
                 staged.append((_stage(path, target, data), target, path))
+        # Devices first: one that is full must not leave the files replaced.
+        for path, data in targets:
+            if _is_stream(path):
+                _write_stream(path, data)
         while staged:
             temporary, target, path = staged[0]
             _replace(temporary, target, path)
@@ -61,9 +65,6 @@ def write_many(files: Mapping[str | Path, bytes]) -> None:
     finally:  # also on Ctrl-C
         for temporary, _, _ in staged:
             temporary.unlink(missing_ok=True)
-    for path, data in targets:
-        if _is_stream(path):
-            _write_stream(path, data)
 
 
 def utf8(path: str | Path, text: str) -> bytes:

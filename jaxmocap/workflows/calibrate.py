@@ -201,6 +201,12 @@ def calibrate_stereo(
     target = chessboard_points(columns, rows, side)
     files = [_listed(left), _listed(right)]
     seen = [detect_boards(f, (columns, rows), progress=progress) for f in files]
+    both = set(seen[0].sha256) & set(seen[1].sha256)
+    if both:
+        twice = [n for n, h in zip(seen[0].names, seen[0].sha256) if h in both]
+        raise InputError(
+            f"{', '.join(twice[:3])}: the same photo was given for both cameras. Give each camera its own."
+        )
     pairs, lone = pair_photos(seen[0].names, seen[1].names)
     rows_of = [(i, j) for i, j in pairs if seen[0].found[i] or seen[1].found[j]]
     view_names: list[tuple[str | None, ...]] = [(seen[0].names[i], seen[1].names[j]) for i, j in rows_of]

@@ -112,3 +112,23 @@ def test_demo(jaxmocap, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "report.html").stat().st_size > 100_000
     matrix = tomllib.loads((tmp_path / "out" / "camera.toml").read_text())["cam_1"]["matrix"]
     assert abs(matrix[0][0] - 859.0) < 3.0 and abs(matrix[1][1] - 860.2) < 3.0
+
+
+def test_a_wrong_output_name_destroys_nothing(jaxmocap, tmp_path: Path) -> None:
+    write_points(tmp_path / "points.csv", BOARD, 3)
+    before = (tmp_path / "points.csv").read_bytes()
+    (tmp_path / "old.toml").write_text("old")
+    common = ("calibrate", "points", "points.csv", "--size", "640x480")
+    assert jaxmocap(*common, "-o", "new.toml", "--json", "points.csv").status == 2
+    assert jaxmocap(*common, "-o", "old.toml", "--json", "old.toml").status == 2
+    assert jaxmocap(*common, "-o", "points.csv").status == 2
+    assert (tmp_path / "points.csv").read_bytes() == before
+    assert (tmp_path / "old.toml").read_text() == "old"
+
+
+def test_one_photo_for_both_cameras_is_refused(jaxmocap, pairs: Path) -> None:
+    left = sorted(pairs.glob("left*"))
+    done = jaxmocap(
+        "calibrate", "stereo", "--left", *left, "--right", *left, "--board", "7x5", "--square", "2cm", "-o", "r.toml"
+    )
+    assert done.status == 2 and "left_0.png" in done.err, done.text
