@@ -74,6 +74,9 @@ def verdict(report: CalibrationReport) -> Verdict:
     return "usable with care" if "warning" in severities else "good"
 
 
+_GOOD = "Good: nothing speaks against the result."
+
+
 def verdict_sentence(report: CalibrationReport) -> str:
     """The verdict in one plain sentence."""
     word = verdict(report)
@@ -81,7 +84,7 @@ def verdict_sentence(report: CalibrationReport) -> str:
         return "Do not use: there is no result."
     notes = sum(w.severity == "note" for w in report.warnings)
     if word == "good":
-        return f"Good, with {count(notes, 'note')}." if notes else "Good: nothing speaks against the result."
+        return f"Good: nothing speaks against the result but {count(notes, 'note')}." if notes else _GOOD
     serious = [w for w in report.warnings if w.severity == "serious"]
     first = (serious or [w for w in report.warnings if w.severity == "warning"])[0]
     more = sum(w.severity != "note" for w in report.warnings) - 1
