@@ -11,3 +11,6 @@ from jaxmocap.cameras.distortion import undistort as undistort
 from jaxmocap.cameras.intrinsics import Intrinsics as Intrinsics
 from jaxmocap.cameras.rig import camera_of as camera_of
 from jaxmocap.cameras.rig import stack_cameras as stack_cameras
+from jaxmocap.cameras.turntable import DOCUMENT_TABLE as DOCUMENT_TABLE
+from jaxmocap.cameras.turntable import Turntable as Turntable
+from jaxmocap.cameras.turntable import turntable_from_axis as turntable_from_axis
