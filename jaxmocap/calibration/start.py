@@ -20,6 +20,12 @@ from jaxmocap.optim import ArrowVariables
 # Points whose spread across their best plane is below this fraction of their spread within it count as flat: the
 # homography of a plane that thick is wrong by a fraction of a pixel, a projection matrix from it by everything.
 _FLAT = 1e-3
+# Up to this fraction both starts are tried, the plane's and the solid's, and the better one kept: a tenth of the
+# size out of the plane moves pixels by a few per cent of the target's image, which a start may be wrong by, while
+# a projection matrix has errors of the noise divided by the thickness.
+_NEARLY_FLAT = 0.1
+# Spread out of the plane, relative to the size, that is not rounding of the coordinates given.
+_THIN = 1e-6
 # Images that leave their best line by less than the noise of a good corner are a line: a target seen edge-on, or
 # one and the same pixel repeated. Such a view has no pose.
 _LINE_PX = 0.5
@@ -33,32 +39,30 @@ def plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.n
     Args:
         points: (views, points, 3) in the target's frame [scene].
         seen: (views, points), True where a point counts.
+
     Returns:
         Pose of each view's plane in the target's frame, (views, 4, 4), and whether its points are flat, (views,).
     """
+    frames, thickness = _best_planes(points, seen)
+    return frames, thickness <= _FLAT
+
+
+def _best_planes(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of each view's best plane, and the spread across it relative to that within; infinite for a line."""
     frames = np.tile(np.eye(4), (len(points), 1, 1))
-    flat = np.zeros(len(points), bool)
+    thickness = np.full(len(points), np.inf)
     for i, (p, m) in enumerate(zip(points, seen)):
         if m.sum() < 4:
             continue
         centre = p[m].mean(axis=0)
         _, s, Vt = np.linalg.svd(p[m] - centre, full_matrices=False)
-        flat[i] = s[2] <= _FLAT * s[1] and s[1] > _FLAT * s[0]
-        if np.allclose(p[m][:, 2], 0.0):
+        if s[1] > _FLAT * s[0]:
+            thickness[i] = s[2] / s[1]
+        if np.all(np.abs(p[m][:, 2]) <= _THIN * s[0]):
             continue  # already its own plane: keep the user's axes, whose z points away from the camera
         R = Vt.T * np.array([1.0, 1.0, np.sign(np.linalg.det(Vt))])
         frames[i, :3, :3], frames[i, :3, 3] = R, centre
-    return frames, flat
-
-
-def _spread_in_space(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Whether the seen points of each view extend in all three dimensions (and not along a line)."""
-    out = np.zeros(len(points), bool)
-    for i, (p, m) in enumerate(zip(points, seen)):
-        if m.sum() >= 4:
-            s = np.linalg.svd(p[m] - p[m].mean(axis=0), compute_uv=False)
-            out[i] = s[2] > _FLAT * s[0]
-    return out
+    return frames, thickness
 
 
 def _spread_in_image(uv: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -110,23 +114,23 @@ def start_camera(
         SolveError: if no view shows enough points.
     Source: optical tracking document, algorithms 1-3.
     """
-    frames, flat = plane_frames(points, seen)
-    count = seen.sum(axis=1)
-    solid = ~flat & (count >= 6) & _spread_in_space(points, seen)
+    frames, thickness = _best_planes(points, seen)
+    flat, count = thickness <= _NEARLY_FLAT, seen.sum(axis=1)
+    solid = (thickness > _THIN) & np.isfinite(thickness) & (count >= 6)
     use = ((flat & (count >= 4)) | solid) & _spread_in_image(uv, seen)
     if not use.any():
         raise SolveError(
             "No view shows enough points for a start: 4 points of a flat target or 6 of one with depth are needed "
             "in at least one view, not on one line."
         )
-    few = (*_subset(points, uv, seen), np.linalg.inv(frames), flat)
+    few = (*_subset(points, uv, seen), np.linalg.inv(frames), flat, solid)
     chosen = np.flatnonzero(use)
     chosen = chosen[np.linspace(0, len(chosen) - 1, min(_VIEWS, len(chosen))).round().astype(int)]
     sample = _take_views(few, chosen, _VIEWS)
     candidates: list[Lens] = []
     if flat[use].any():
         width, height = (jnp.asarray(float(n)) for n in image_size)
-        many, real = steps.candidate_lenses(steps.homographies(*sample[:4]), *sample, width, height)
+        many, real = steps.candidate_lenses(steps.homographies(*sample[:4]), *sample[:5], width, height)
         candidates += [jax.tree.map(lambda x, k=k: x[k], many) for k in np.flatnonzero(real)]
     if solid.any():
         candidates.append(steps.solid_start(*_take_views(few[:3], np.flatnonzero(solid)[:_VIEWS], _VIEWS))[0])
@@ -143,20 +147,35 @@ def start_camera(
 
 
 def _poses(
-    lens: Lens, points: np.ndarray, uv: np.ndarray, seen: np.ndarray, T_plane_target: np.ndarray, flat: np.ndarray
+    lens: Lens,
+    points: np.ndarray,
+    uv: np.ndarray,
+    seen: np.ndarray,
+    T_plane_target: np.ndarray,
+    flat: np.ndarray,
+    solid: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """T_camera_target of each view as 4x4 matrices, and the sums of squared residuals [px^2]."""
     H = steps.homographies(points, uv, seen, T_plane_target)
     starts = steps.flat_poses(lens, H, points, seen, T_plane_target)
-    if not flat[seen.any(axis=1)].all():
+    if solid.any():
         _, rotvec, translation = steps.solid_start(points, uv, seen)
-        pick = lambda a, b: jnp.where(flat[:, None, None], a, jnp.asarray(b)[:, None, :])  # noqa: E731
-        starts = Pose(pick(starts.rotvec, rotvec), pick(starts.translation, translation))
+        # A third start where points leave their plane, and the only one where they leave it far.
+        starts = Pose(
+            *(_with_solid(a, b, flat, solid) for a, b in ((starts.rotvec, rotvec), (starts.translation, translation)))
+        )
     refined, cost = steps.refined_poses(lens, starts, points, uv, seen)
     T = np.tile(np.eye(4), (len(points), 1, 1))
     T[:, :3, :3] = Rotation.from_rotvec(_finite(refined.rotvec)).as_matrix()
     T[:, :3, 3] = _finite(refined.translation)
     return T, np.asarray(cost)
+
+
+def _with_solid(of_planes: jax.Array, of_solids: jax.Array, flat: np.ndarray, solid: np.ndarray) -> jax.Array:
+    """Starts (views, 3, 3): the two of a plane and that of a solid, each replaced where it does not apply."""
+    planes, solids = np.asarray(of_planes), np.asarray(of_solids)[:, None]
+    solids = np.where((solid & np.isfinite(solids).all(axis=(1, 2)))[:, None, None], solids, planes[:, :1])
+    return jnp.asarray(np.concatenate([np.where(flat[:, None, None], planes, solids), solids], axis=1))
 
 
 def _finite(x: object) -> np.ndarray:

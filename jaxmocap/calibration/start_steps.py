@@ -172,7 +172,7 @@ def refined_poses(
     uv: Float[Array, "views points 2"],
     seen: Bool[Array, "views points"],
 ) -> tuple[Pose, Float[Array, "views"]]:
-    """The better of two starts (axes views, 2) of each view after a few steps, and its sum of squares [px^2]."""
+    """The best of several starts (axes views, starts) of each view after a few steps, and its sum of squares [px^2]."""
 
     def one(T: Pose, p: Array, u: Array, m: Array) -> tuple[Pose, Array]:
         refined, cost = jax.vmap(lambda t: pose_steps(lens, t, p, u, m))(T)

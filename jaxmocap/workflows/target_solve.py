@@ -16,6 +16,7 @@ from jaxmocap.calibration.boards import (
     free_parameters,
     refine_targets,
 )
+from jaxmocap.calibration.centring import centred, moved_back
 from jaxmocap.calibration.describe import describe
 from jaxmocap.calibration.determined import next_to_freeze, undetermined
 from jaxmocap.calibration.start import start_rig
@@ -115,6 +116,7 @@ def solve_targets(
     require_x64("A calibration")
     free_parameters(len(cameras), distortion, skew)  # refuses an unknown model before anything else
     _check_enough(views, cameras, len(MODELS[distortion]) + skew)
+    given, (views, middle) = views, centred(views)
     start, used = start_rig(views, image_sizes, cameras)
     views, dropped = _without_poseless(views, used)
     start = _without(start, [tuple({"k1", "k2"} - set(MODELS[distortion]))] * len(cameras), image_sizes)
@@ -136,7 +138,7 @@ def solve_targets(
     if not estimate.success:
         raise SolveError(f"{estimate.sentence}{_square_on(estimate, views)}")
     _check_cameras(estimate, cameras)
-    return SolvedTargets(estimate, views, free, frozen, dropped)
+    return SolvedTargets(moved_back(estimate, middle), replace(given, seen=views.seen), free, frozen, dropped)
 
 
 def _without_poseless(views: TargetViews, used: np.ndarray) -> tuple[TargetViews, tuple[tuple[int, int], ...]]:
