@@ -1,0 +1,110 @@
+"""Drawn photos of the puppet on its turntable, with the exact truth beside.
+
+`puppet_photo` draws one view, `puppet_take` a turn of one pose, `puppet_set` everything that a session needs:
+chessboards, the chessboard on the turntable, T-pose and other poses, and their truth in one record.
+Lengths in mm, angles in radians (degrees in the record, where the key says so), pixels as everywhere.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jaxmocap.synthetic.puppet_camera import Build, PuppetCamera
+from jaxmocap.synthetic.puppet_figure import BEAD_NAMES, Figure, Solids, sphere, stack_solids
+from jaxmocap.synthetic.puppet_render import (
+    Look,
+    add_specks,
+    colour_of_bead,
+    develop,
+    draw_solids,
+    stage,
+    through_jpeg,
+)
+from jaxmocap.synthetic.puppet_truth import bead_truth
+
+Array = np.ndarray
+
+DOCUMENT_HSB = np.array(
+    [
+        [0.499, 0.176, 0.754],
+        [0.303, 0.611, 0.607],
+        [0.768, 0.329, 0.562],
+        [0.187, 0.633, 0.706],
+        [0.589, 0.234, 0.804],
+        [0.286, 0.251, 0.694],
+        [0.077, 0.715, 0.575],
+        [0.558, 0.605, 0.827],
+        [0.978, 0.265, 0.598],
+        [0.240, 0.619, 0.675],
+        [0.514, 0.540, 0.599],
+        [0.867, 0.387, 0.575],
+        [0.286, 0.505, 0.515],
+        [0.387, 0.667, 0.558],
+        [0.188, 0.237, 0.777],
+        [0.554, 0.431, 0.790],
+    ]
+)
+TWELVE = tuple(float(a) for a in np.deg2rad(np.arange(0, 360, 30)))
+
+
+@dataclass(frozen=True)
+class PuppetPhoto:
+    """One drawn photo."""
+
+    rgb: Array
+    """(height, width, 3) uint8, after JPEG."""
+    beads: dict[str, dict]
+    """Truth by bead: see `puppet_truth.bead_truth`."""
+    specks: list[dict]
+    """`centre_px` and `radius_px` of the foreign spots (they may be hidden by the figure)."""
+    T_camera_world: Array
+    """(4, 4)."""
+
+
+@dataclass(frozen=True)
+class Studio:
+    """What the photos of one set have in common."""
+
+    camera: PuppetCamera = PuppetCamera()
+    build: Build = Build()
+    look: Look = Look()
+    hsb: Array = field(default_factory=lambda: DOCUMENT_HSB)
+    """(16, 3) colours of the beads' middles in white light."""
+
+
+def puppet_photo(studio: Studio, figure: Figure, angle: float, rng: np.random.Generator | int = 0) -> PuppetPhoto:
+    """The figure at one turntable angle.
+
+    Args:
+        studio: camera, turntable, look, colours.
+        figure: from `puppet_figure.pose_figure`.
+        angle: at which the turntable really stands [rad].
+        rng: or a seed, for noise and specks.
+
+    Returns:
+        Photo and truth.
+    """
+    rng = np.random.default_rng(rng)
+    T = studio.build.world_to_camera(angle)
+    solids = scene(studio, figure).moved(T[:3, :3], T[:3, 3])
+    light = np.repeat(stage(studio.camera, studio.look.lamp)[..., None], 3, axis=2)
+    specks = add_specks(light, studio.look, rng)
+    gloss = np.arange(len(solids.reach)) < len(BEAD_NAMES)
+    draw_solids(light, studio.camera, solids, gloss, studio.look)
+    rgb = through_jpeg(develop(light, studio.look, rng), studio.look.jpeg_quality)
+    return PuppetPhoto(rgb, bead_truth(studio.camera, T, figure, solids), specks, T)
+
+
+def scene(studio: Studio, figure: Figure) -> Solids:
+    """Beads, in their order, then the body; world frame."""
+    beads = [sphere(c, figure.bead_radius, colour_of_bead(h)) for c, h in zip(figure.beads, studio.hsb)]
+    return stack_solids([*beads, figure.body])
+
+
+def puppet_take(
+    studio: Studio, figure: Figure, angles: Sequence[float] = TWELVE, rng: np.random.Generator | int = 0
+) -> list[PuppetPhoto]:
+    """One photo per angle."""
+    rng = np.random.default_rng(rng)
+    return [puppet_photo(studio, figure, angle, rng) for angle in angles]
