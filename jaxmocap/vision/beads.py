@@ -1,0 +1,194 @@
+"""Beads in a photo: where the visible ones are, how large, of which colour, and how sure that is.
+
+In rounds: bright patches; in each the place farthest inside; from there the edge, ray by ray; through the edge a
+circle; what it covers is explained and taken away, and what is left of the patch is looked at again (beads behind
+beads). At last all circles are fitted once more, each knowing the others' pixels and the size of beads in this picture.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jaxmocap.vision.bead_circles import Circles, fit_circles
+from jaxmocap.vision.bead_edges import Seeds, trace_edges
+from jaxmocap.vision.bead_seeds import RADIUS_SPREAD, Patches, empty_seeds, guess_radius, weighted_median
+from jaxmocap.vision.colour import SQUARE, hsb_of_rgb, square_hsb
+from jaxmocap.vision.hough import check_count, check_radius
+from jaxmocap.vision.threshold import check_rgb
+
+Floats = NDArray[np.float64]
+
+_ROUNDS = 4  # beads behind one another in one bright patch
+_LEAST_ARC = 0.2  # of the outline; of less, half the points may belong to whatever hides the rest
+_WORST_RMS = 0.5  # px, of the edge points from the circle: a pixel staircase has 0.3
+_FLOOR = 0.05
+_RADIUS_SD = 0.12  # of the median radius: beads at 340 to 460 mm of a camera at 400 mm
+
+
+class BeadCandidates(NamedTuple):
+    """What may be a bead, best first: one row each.
+
+    Attributes:
+        uv: Centre of the bead's outline, (n, 2), px.
+        radius: Of the outline as it shows against its surroundings, (n,), px.
+        sigma: Standard deviation of u and of v, (n,), px.
+        hsb: Colour of the visible part, (n, 3), 0..1: mean of up to 5x5 pixels of its inside without highlights.
+        score: From 0 to 1: how much of the outline is seen, times how well it is a circle, (n,).
+        hsb_square: Mean of all 5x5 pixels around the centre, as the document measures colours, (n, 3), 0..1.
+        arc: Fraction of the outline that is seen, (n,).
+        merged: The visible part touches another candidate's in the picture, (n,).
+    """
+
+    uv: Floats
+    radius: Floats
+    sigma: Floats
+    hsb: Floats
+    score: Floats
+    hsb_square: Floats
+    arc: Floats
+    merged: NDArray[np.bool_]
+
+
+def find_beads(
+    rgb: NDArray[np.uint8], *, radius: tuple[float, float] | None = None, count: int | None = None
+) -> BeadCandidates:
+    """Find coloured beads on a dark figure before a dark background.
+
+    Args:
+        rgb: Photo, uint8 (h, w, 3).
+        radius: Least and greatest radius of a bead, px; by default found from the picture.
+        count: At most so many candidates; by default all plausible ones, among which may be other small bright
+            things.
+
+    Returns:
+        The candidates, best first; none when nothing in the picture looks like a bead.
+
+    Raises:
+        InputError: Not a colour picture, or a radius or count that makes no sense.
+    """
+    rgb = check_rgb(rgb)
+    limits = None if radius is None else check_radius(radius)
+    most = None if count is None else check_count(count)
+    picture, patches = rgb.astype(np.float32), Patches(rgb)
+    if limits is None:
+        seeds, area = patches.seeds(1, largest=min(rgb.shape[:2]) / 8)
+        guess = guess_radius(seeds.inner, area)
+        if guess is None:
+            return _none()
+        limits = guess / RADIUS_SPREAD, guess * RADIUS_SPREAD
+    seeds, circles = _in_rounds(picture, patches, limits)
+    prior = _size_of_beads(circles, limits)
+    seeds = _recentred(seeds, circles, patches)
+    circles = fit_circles(trace_edges(picture, patches.owners, seeds, 3 * limits[1]), limits, prior)
+    return _best(_measure(rgb, patches, seeds, circles), most)
+
+
+def _in_rounds(picture: NDArray[np.float32], patches: Patches, limits: tuple[float, float]) -> tuple[Seeds, Circles]:
+    """Seeds and first circles, from patch to patch and behind what has been explained."""
+    seeds, circles = [], []
+    first = 1
+    for _ in range(_ROUNDS):
+        new, _ = patches.seeds(first, largest=1.3 * limits[1])
+        if not len(new.uv):
+            break
+        found = fit_circles(trace_edges(picture, patches.owners, new, 3 * limits[1]), limits)
+        good = _plausible(found)
+        covers = np.where(good[:, None], found.uv, new.uv), np.where(good, found.radius, new.inner)
+        patches.explain(*covers, new.owner)
+        first += len(new.uv)
+        seeds.append(Seeds(*(field[good] for field in new)))
+        circles.append(Circles(*(field[good] for field in found)))
+    if not seeds:
+        return empty_seeds(), fit_circles(trace_edges(picture, patches.owners, empty_seeds(), 1.0), limits)
+    return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
+
+
+def _plausible(circles: Circles) -> NDArray[np.bool_]:
+    """Whether enough of an outline is seen, and is a circle."""
+    return (circles.arc >= _LEAST_ARC) & (circles.rms <= _WORST_RMS) & (circles.outside <= 0.25)
+
+
+def _size_of_beads(circles: Circles, limits: tuple[float, float]) -> tuple[float, float] | None:
+    """Radius of the beads seen as a whole, and the spread of it, px; None if there are too few."""
+    whole = (circles.arc > 0.8) & (circles.rms < 0.35)
+    if whole.sum() < 3:
+        return None
+    radius = circles.radius[whole]
+    middle = weighted_median(radius, radius**2)
+    return middle, max(_RADIUS_SD * middle, 1.4826 * float(np.median(np.abs(radius - middle))))
+
+
+def _recentred(seeds: Seeds, circles: Circles, patches: Patches) -> Seeds:
+    """Seeds moved to the circle's centre where that is in the visible part: from there all rays meet the edge alike."""
+    height, width = patches.owners.shape
+    column = np.clip(np.rint(circles.uv[:, 0]), 0, width - 1).astype(int)
+    row = np.clip(np.rint(circles.uv[:, 1]), 0, height - 1).astype(int)
+    seen = (patches.owners[row, column] == seeds.owner) & (circles.arc > 0.7)
+    return seeds._replace(
+        uv=np.where(seen[:, None], circles.uv, seeds.uv), inner=np.where(seen, 0.9 * circles.radius, seeds.inner)
+    )
+
+
+def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Circles) -> BeadCandidates:
+    """The record of all plausible circles, unsorted."""
+    keep = _plausible(circles)
+    seeds, circles = Seeds(*(f[keep] for f in seeds)), Circles(*(f[keep] for f in circles))
+    variance = np.trace(circles.covariance[:, :2, :2], axis1=1, axis2=2) / 2
+    return BeadCandidates(
+        uv=circles.uv,
+        radius=circles.radius,
+        sigma=np.sqrt(variance + _FLOOR**2),
+        hsb=_inside_hsb(rgb, patches.owners, seeds, circles),
+        score=circles.arc * np.exp(-((circles.rms / _WORST_RMS) ** 2)) * (1 - circles.outside),
+        hsb_square=square_hsb(rgb, circles.uv),
+        arc=circles.arc,
+        merged=_touched(circles),
+    )
+
+
+def _touched(circles: Circles) -> NDArray[np.bool_]:
+    """Whether a circle meets another one."""
+    apart = np.linalg.norm(circles.uv[:, None] - circles.uv[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return (apart < circles.radius[:, None] + circles.radius[None] + 1.0).any(axis=1)
+
+
+def _inside_hsb(rgb: NDArray[np.uint8], owners: NDArray[np.int32], seeds: Seeds, circles: Circles) -> Floats:
+    """Mean colour of the pixels of a 5x5 square that are the bead's, clear of its edge and of highlights.
+
+    The square is around the centre if that is visible, else around the innermost visible pixel. A highlight is
+    brighter than the square's median colour by more than half, in its darkest channel.
+    """
+    height, width = owners.shape
+    reach = np.arange(SQUARE) - SQUARE // 2
+    at = np.rint(seeds.uv).astype(int)
+    columns = np.clip(at[:, 0, None, None] + reach[None, :], 0, width - 1) + 0 * reach[:, None]
+    rows = np.clip(at[:, 1, None, None] + reach[:, None], 0, height - 1) + 0 * reach[None, :]
+    pixels = rgb[rows, columns].astype(np.float64).reshape(len(at), SQUARE**2, 3)
+    offset = np.stack([columns, rows], axis=-1) - circles.uv[:, None, None]
+    clear = np.linalg.norm(offset, axis=-1) <= np.maximum(circles.radius[:, None, None] - 1.0, 0.7)
+    own = (clear & (owners[rows, columns] == seeds.owner[:, None, None])).reshape(len(at), -1)
+    own[:, SQUARE**2 // 2] = True
+    masked = np.where(own[..., None], pixels, np.nan)
+    middle = np.nanmedian(masked, axis=1)
+    highlight = (pixels.min(-1) > 1.5 * middle.min(-1)[:, None] + 10) & (pixels.max(-1) > middle.max(-1)[:, None])
+    good = own & ~highlight
+    good = np.where(good.any(1)[:, None], good, own)
+    return hsb_of_rgb((pixels * good[..., None]).sum(1) / np.maximum(good.sum(1), 1)[:, None])
+
+
+def _best(beads: BeadCandidates, most: int | None) -> BeadCandidates:
+    """The candidates in order of their score, at most so many."""
+    order = np.argsort(-beads.score, kind="stable")[:most]
+    return BeadCandidates(*(field[order] for field in beads))
+
+
+def _none() -> BeadCandidates:
+    """No candidate."""
+    none = np.zeros((0, 3))
+    return BeadCandidates(
+        none[:, :2], none[:, 0], none[:, 0], none, none[:, 0], none, none[:, 0], np.zeros(0, dtype=bool)
+    )
