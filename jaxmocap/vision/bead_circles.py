@@ -164,3 +164,9 @@ def _arc(edges: Edges, uvr: Floats, on: NDArray[np.bool_]) -> Floats:
     held = np.zeros((len(uvr), 24), bool)
     np.logical_or.at(held, (np.arange(len(uvr))[:, None], sector), on & edges.found)
     return held.mean(1)
+
+
+def no_circles() -> Circles:
+    """No circle."""
+    none = np.zeros((0, 3))
+    return Circles(none[:, :2], none[:, 0], none[:, 0], none[:, 0], none[:, 0], np.zeros((0, 3, 3)))

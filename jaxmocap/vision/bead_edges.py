@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 RAYS = 48
-_STEP = 0.25  # px along a ray; the pictures are sampled linearly between pixels
+_STEP = 0.5  # px along a ray; the picture is sampled linearly between pixels
+_INSIDE = (3, 4, 6)  # samples before the edge, 1.5 to 3 px, where the bead shows its own brightness
+_OUTSIDE = (2, 3, 4, 5)  # samples after it, 1 to 2.5 px, the darkest of which is what lies around
+_SAME_COLOUR, _OTHER_COLOUR = np.radians((8.0, 24.0))
+_BRIGHT = 0.4
+_LEVEL = 0.2
 _BEYOND = 1.0  # px past the edge that must still be background
 _ANGLE = np.arange(RAYS) * (2 * np.pi / RAYS)
 _DIRECTIONS = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)  # (RAYS, 2)
@@ -30,8 +35,8 @@ class Seeds(NamedTuple):
     Attributes:
         uv: A pixel well inside the visible part, (n, 2).
         inner: Radius of the largest circle around it that stays in the visible part, (n,), px.
-        colour: Typical colour of the visible part, (n, 3), 0..255.
-        ground: Colour of the surroundings, (n, 3), 0..255.
+        colour: Typical colour of the visible part, (n, 3), linear light 0..1.
+        ground: Colour of the surroundings, (n, 3), linear light 0..1.
         owner: Number by which the map of owners knows the bead, (n,).
     """
 
@@ -58,7 +63,7 @@ def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seed
     """Edge points of each seed's bead.
 
     Args:
-        rgb: Picture, float32 (h, w, 3), 0..255.
+        rgb: Picture, linear light, float32 (h, w, 3), 0..1.
         owners: int32 (h, w): which bead a pixel is known to belong to, 0 for none. A ray ends at a pixel of
             another bead, and where it ends says nothing about this bead's disc.
         seeds: Where to look.
@@ -71,7 +76,7 @@ def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seed
     points = seeds.uv[:, None, None, :] + distance[:, None] * _DIRECTIONS[None, :, None, :]
     own = _ownness(_sample(rgb, points), seeds)  # (n, RAYS, S)
     own = np.where(distance < 0.5 * seeds.inner[:, None, None], 1.0, own)  # a highlight there is no edge
-    first = _first_below(own, np.full(own.shape[:2], 0.5), np.zeros(own.shape[:2], int))
+    first = _first_below(own, np.full(own.shape[:2], _LEVEL + 0.05), np.zeros(own.shape[:2], int))
     level = _half_way(own, first)
     crossing, found = _crossing(own, level, first)
     uv = seeds.uv[:, None, :] + crossing[..., None] * _STEP * _DIRECTIONS[None]
@@ -99,19 +104,20 @@ def _sample(rgb: NDArray[np.float32], points: Floats) -> NDArray[np.float32]:
     return sampled.reshape(*points.shape[:-1], 3)
 
 
-def _ownness(colours: NDArray[np.float32], seeds: Seeds) -> Floats:
-    """1 for the bead's own colour, falling with the distance in colour; about 0 for the background.
+def _ownness(colours: NDArray[np.float32], seeds: Seeds) -> NDArray[np.float32]:
+    """Brightness as a fraction of the bead's own, 0 where a bright pixel is of another colour.
 
-    Along the line from the background to the bead only darkening counts; across it, each difference does, so that a
-    neighbouring bead of another colour is an edge too.
+    In linear light shading and a blurred edge move a colour along the line from the background's to the bead's; a
+    neighbouring bead of another colour lies off that line.
     """
-    ground = seeds.ground[:, None, None, :]
-    line = (seeds.colour - seeds.ground)[:, None, None, :]
-    length2 = np.maximum((line**2).sum(-1), 1.0)
-    offset = colours - ground
-    along = (offset * line).sum(-1) / length2
-    across = np.sqrt(np.maximum((offset**2).sum(-1) / length2 - along**2, 0.0))
-    return np.minimum(along, 1.0) - across * (along > 0.5)
+    line = (seeds.colour - seeds.ground).astype(np.float32)
+    length2 = np.maximum((line**2).sum(-1), 1e-6)
+    offset = (colours - seeds.ground[:, None, None, :].astype(np.float32)).reshape(len(line), -1, 3)
+    along = (offset @ (line / length2[:, None])[..., None])[..., 0]
+    total = np.sqrt(np.einsum("nkc,nkc->nk", offset, offset) / length2[:, None])
+    turned = np.arccos(np.clip(along / np.maximum(total, 1e-6), -1.0, 1.0))
+    foreign = np.clip((turned - _SAME_COLOUR) / (_OTHER_COLOUR - _SAME_COLOUR), 0.0, 1.0) * (total > _BRIGHT)
+    return (np.minimum(along, 1.0) * (1.0 - foreign)).reshape(colours.shape[:3])
 
 
 def _first_below(own: Floats, level: Floats, start: NDArray[np.int_]) -> NDArray[np.int_]:
@@ -124,21 +130,26 @@ def _first_below(own: Floats, level: Floats, start: NDArray[np.int_]) -> NDArray
 def _half_way(own: Floats, first: NDArray[np.int_]) -> Floats:
     """Half way between what is inside and what is outside of a first guess of the edge, on each ray."""
     last = own.shape[-1] - 1
-    inside = [np.take_along_axis(own, np.clip(first - k, 0, last)[..., None], -1)[..., 0] for k in (6, 9, 12)]
-    outside = [np.take_along_axis(own, np.clip(first + k, 0, last)[..., None], -1)[..., 0] for k in (4, 6, 8, 10)]
-    return (np.max(inside, axis=0) + np.min(outside, axis=0)) / 2
+    inside = [np.take_along_axis(own, np.clip(first - k, 0, last)[..., None], -1)[..., 0] for k in _INSIDE]
+    outside = [np.take_along_axis(own, np.clip(first + k, 0, last)[..., None], -1)[..., 0] for k in _OUTSIDE]
+    return _LEVEL * np.max(inside, axis=0) + 0.5 * np.min(outside, axis=0)
 
 
 def _crossing(own: Floats, level: Floats, first: NDArray[np.int_]) -> tuple[Floats, NDArray[np.bool_]]:
     """Where the ray falls below its level near the first guess, in samples with a fraction, and whether it does."""
     last = own.shape[-1] - 1
-    after = _first_below(own, level, np.maximum(first - 6, 0))
+    after = _first_below(own, level, np.maximum(first - 3, 0))
     after = np.maximum(after, 1)
     high = np.take_along_axis(own, (after - 1)[..., None], -1)[..., 0]
     low = np.take_along_axis(own, after[..., None], -1)[..., 0]
     fraction = np.clip((high - level) / np.maximum(high - low, 1e-9), 0.0, 1.0)
-    return after - 1 + fraction, (after < last) & (np.abs(after - first) <= 8) & (low < level)
+    return after - 1 + fraction, (after < last) & (np.abs(after - first) <= 4) & (low < level)
 
 
 def _inside(shape: tuple[int, ...], uv: Floats) -> NDArray[np.bool_]:
     return (uv[..., 0] >= 0) & (uv[..., 0] <= shape[1] - 1) & (uv[..., 1] >= 0) & (uv[..., 1] <= shape[0] - 1)
+
+
+def select(seeds: Seeds, keep: NDArray) -> Seeds:
+    """The seeds that are kept, or in the order of the indices."""
+    return Seeds(*(field[keep] for field in seeds))

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jaxmocap.vision.bead_edges import Seeds
+from jaxmocap.vision.threshold import linear_light
 
 Floats = NDArray[np.float64]
 
@@ -34,51 +35,46 @@ class Patches:
 
     def __init__(self, rgb: NDArray[np.uint8]):
         self.smooth = cv2.GaussianBlur(rgb, (0, 0), _SMOOTH)
-        value = self.smooth.max(axis=2)
+        value = brightest_channel(self.smooth)
         self.left = (value > class_mean_threshold(value)).astype(np.uint8)
         small = cv2.resize(rgb, None, fx=1 / _SHRINK, fy=1 / _SHRINK, interpolation=cv2.INTER_AREA)
         self.ground = cv2.medianBlur(small, _GROUND_WINDOW)
         self.owners = np.zeros(value.shape, np.int32)
 
-    def seeds(self, first_owner: int, largest: float = np.inf) -> tuple[Seeds, NDArray[np.int_]]:
-        """A seed in each patch that is left, at its innermost pixel, and the patches' areas.
+    def seeds(self, first_owner: int) -> tuple[Seeds, NDArray[np.int_]]:
+        """A seed in each patch that is left, at its innermost pixel, and the patches' areas; largest patches first.
 
         Args:
             first_owner: Number of the first of these beads.
-            largest: Patches with a larger inner radius are no beads, px.
         """
-        inner = cv2.distanceTransform(cv2.copyMakeBorder(self.left, 1, 1, 1, 1, cv2.BORDER_CONSTANT), cv2.DIST_L2, 5)
-        inner = inner[1:-1, 1:-1]
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(self.left, connectivity=8)
-        order = 1 + np.argsort(-stats[1:, cv2.CC_STAT_AREA], kind="stable")[:_MOST]
-        rows = [self._seed(label, labels, stats[label], inner) for label in order]
-        rows = [row for row in rows if row is not None and row[2] <= largest]
-        if not rows:
+        u, v, width, height = cv2.boundingRect(self.left)
+        if not width:
             return empty_seeds(), np.zeros(0, int)
-        uv, colour, radius, area = (np.array(column, dtype=np.float64) for column in zip(*rows))
-        owner = first_owner + np.arange(len(rows))
-        return Seeds(uv, radius, colour, self.ground_at(uv), owner), area.astype(int)
-
-    def _seed(self, label: int, labels: NDArray, stats: NDArray, inner: NDArray[np.float32]):
-        """Innermost pixel, colour around it, inner radius and area of one patch."""
-        if stats[cv2.CC_STAT_AREA] < _LEAST_AREA:
-            return None
-        u, v, width, height = stats[:4]
         part = np.s_[v : v + height, u : u + width]
-        own = labels[part] == label
-        row, column = np.unravel_index(int(np.where(own, inner[part], 0).argmax()), own.shape)
-        radius = float(inner[part][row, column]) - 0.5
-        rows, columns = np.nonzero(own)
-        near = (rows - row) ** 2 + (columns - column) ** 2 <= max(radius - 0.5, 1.0) ** 2
-        colour = np.median(self.smooth[part][rows[near], columns[near]], axis=0)
-        return (u + column, v + row), colour, radius, int(stats[cv2.CC_STAT_AREA])
+        left = cv2.copyMakeBorder(self.left[part], 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+        inner = cv2.distanceTransform(left, cv2.DIST_L2, 5)[1:-1, 1:-1]
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(self.left[part], connectivity=8)
+        area = stats[:, cv2.CC_STAT_AREA]
+        order = [k for k in 1 + np.argsort(-area[1:], kind="stable")[:_MOST] if area[k] >= _LEAST_AREA]
+        if not order:
+            return empty_seeds(), np.zeros(0, int)
+        rows = [_seed(k, labels, stats[k], inner, self.smooth[part]) for k in order]
+        uv, colour, radius = (np.array(column, dtype=np.float64) for column in zip(*rows))
+        uv += (u, v)
+        return Seeds(
+            uv,
+            radius,
+            linear_light(np.rint(colour).astype(np.uint8)).astype(np.float64),
+            self.ground_at(uv),
+            first_owner + np.arange(len(rows)),
+        ), area[order]
 
     def ground_at(self, uv: Floats) -> Floats:
         """The surroundings' colour (n, 3) at positions (n, 2)."""
         height, width = self.ground.shape[:2]
         column = np.clip(uv[:, 0] / _SHRINK, 0, width - 1).astype(int)
         row = np.clip(uv[:, 1] / _SHRINK, 0, height - 1).astype(int)
-        return self.ground[row, column].astype(np.float64)
+        return linear_light(self.ground[row, column]).astype(np.float64)
 
     def explain(self, uv: Floats, radius: Floats, owner: NDArray[np.int_]) -> None:
         """Give the pixels of these discs to their owners; what was owned before stays so."""
@@ -91,6 +87,27 @@ class Patches:
             own = disc & (self.left[part] > 0) & (self.owners[part] == 0)
             self.owners[part][own] = who
             self.left[part][disc] = 0
+
+
+def _seed(
+    label: int, labels: NDArray[np.int32], stats: NDArray[np.int32], inner: NDArray[np.float32], rgb: NDArray[np.uint8]
+) -> tuple[tuple[int, int], Floats, float]:
+    """Innermost pixel of one patch, colour around it, and inner radius."""
+    u, v, width, height = stats[:4]
+    part = np.s_[v : v + height, u : u + width]
+    own = labels[part] == label
+    row, column = np.unravel_index(int(np.where(own, inner[part], 0).argmax()), own.shape)
+    radius = float(inner[part][row, column]) - 0.5
+    rows, columns = np.nonzero(own)
+    near = (rows - row) ** 2 + (columns - column) ** 2 <= max(radius - 0.5, 1.0) ** 2
+    colour = np.median(rgb[part][rows[near], columns[near]], axis=0)
+    return (u + column, v + row), colour, radius
+
+
+def brightest_channel(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The largest of the three channels, (h, w): saturated colours count as bright, whatever their hue."""
+    r, g, b = cv2.split(rgb)
+    return cv2.max(cv2.max(r, g), b)
 
 
 def empty_seeds() -> Seeds:
@@ -114,7 +131,8 @@ def class_mean_threshold(grey: NDArray[np.uint8]) -> float:
     """
     counts = np.bincount(grey.ravel(), minlength=256).astype(np.float64)
     levels = np.arange(256.0)
-    threshold = (float(grey.min()) + float(grey.max())) / 2
+    present = np.flatnonzero(counts)
+    threshold = (present[0] + present[-1]) / 2
     for _ in range(256):
         above = levels > threshold
         if not counts[above].any() or not counts[~above].any():

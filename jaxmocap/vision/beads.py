@@ -12,18 +12,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from jaxmocap.vision.bead_circles import Circles, fit_circles
-from jaxmocap.vision.bead_edges import Seeds, trace_edges
+from jaxmocap.vision.bead_circles import Circles, fit_circles, no_circles
+from jaxmocap.vision.bead_edges import Seeds, select, trace_edges
 from jaxmocap.vision.bead_seeds import RADIUS_SPREAD, Patches, empty_seeds, guess_radius, weighted_median
 from jaxmocap.vision.colour import SQUARE, hsb_of_rgb, square_hsb
 from jaxmocap.vision.hough import check_count, check_radius
-from jaxmocap.vision.threshold import check_rgb
+from jaxmocap.vision.threshold import check_rgb, linear_light
 
 Floats = NDArray[np.float64]
 
 _ROUNDS = 4  # beads behind one another in one bright patch
 _LEAST_ARC = 0.2  # of the outline; of less, half the points may belong to whatever hides the rest
 _WORST_RMS = 0.5  # px, of the edge points from the circle: a pixel staircase has 0.3
+_MARGIN = 3.0  # px that rays run past the farthest edge
 _FLOOR = 0.05
 _RADIUS_SD = 0.12  # of the median radius: beads at 340 to 460 mm of a camera at 400 mm
 
@@ -72,37 +73,42 @@ def find_beads(
     rgb = check_rgb(rgb)
     limits = None if radius is None else check_radius(radius)
     most = None if count is None else check_count(count)
-    picture, patches = rgb.astype(np.float32), Patches(rgb)
+    picture, patches = linear_light(rgb), Patches(rgb)
+    seeds, area = patches.seeds(1)
     if limits is None:
-        seeds, area = patches.seeds(1, largest=min(rgb.shape[:2]) / 8)
-        guess = guess_radius(seeds.inner, area)
-        if guess is None:
-            return _none()
-        limits = guess / RADIUS_SPREAD, guess * RADIUS_SPREAD
-    seeds, circles = _in_rounds(picture, patches, limits)
+        small = seeds.inner < min(rgb.shape[:2]) / 8  # the figure has to be in the picture too
+        guess = guess_radius(seeds.inner[small], area[small])
+        limits = (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
+    seeds, circles = _in_rounds(picture, patches, seeds, limits)
+    if not len(seeds.uv):
+        return _none()
     prior = _size_of_beads(circles, limits)
     seeds = _recentred(seeds, circles, patches)
-    circles = fit_circles(trace_edges(picture, patches.owners, seeds, 3 * limits[1]), limits, prior)
+    circles = fit_circles(trace_edges(picture, patches.owners, seeds, 2 * limits[1] + _MARGIN), limits, prior)
     return _best(_measure(rgb, patches, seeds, circles), most)
 
 
-def _in_rounds(picture: NDArray[np.float32], patches: Patches, limits: tuple[float, float]) -> tuple[Seeds, Circles]:
+def _in_rounds(
+    picture: NDArray[np.float32], patches: Patches, new: Seeds, limits: tuple[float, float]
+) -> tuple[Seeds, Circles]:
     """Seeds and first circles, from patch to patch and behind what has been explained."""
-    seeds, circles = [], []
+    found = []
     first = 1
     for _ in range(_ROUNDS):
-        new, _ = patches.seeds(first, largest=1.3 * limits[1])
+        first += len(new.uv)
+        new = select(new, new.inner <= 1.3 * limits[1])
         if not len(new.uv):
             break
-        found = fit_circles(trace_edges(picture, patches.owners, new, 3 * limits[1]), limits)
-        good = _plausible(found)
-        covers = np.where(good[:, None], found.uv, new.uv), np.where(good, found.radius, new.inner)
-        patches.explain(*covers, new.owner)
-        first += len(new.uv)
-        seeds.append(Seeds(*(field[good] for field in new)))
-        circles.append(Circles(*(field[good] for field in found)))
-    if not seeds:
-        return empty_seeds(), fit_circles(trace_edges(picture, patches.owners, empty_seeds(), 1.0), limits)
+        circles = fit_circles(trace_edges(picture, patches.owners, new, 2 * limits[1] + _MARGIN), limits)
+        good = _plausible(circles)
+        patches.explain(
+            np.where(good[:, None], circles.uv, new.uv), np.where(good, circles.radius, new.inner), new.owner
+        )
+        found.append((select(new, good), Circles(*(field[good] for field in circles))))
+        new, _ = patches.seeds(first)
+    if not found:
+        return empty_seeds(), no_circles()
+    seeds, circles = zip(*found)
     return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
 
 

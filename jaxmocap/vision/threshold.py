@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from jaxmocap._errors import InputError
 
 _LEVELS = np.arange(256, dtype=np.float64)
+_CODED = _LEVELS / 255.0
+_LINEAR = np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def check_rgb(rgb: NDArray) -> NDArray[np.uint8]:
@@ -100,3 +102,17 @@ def edge_map(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
     """
     grey = grey_of(rgb)
     return outline(grey > mean_threshold(grey))
+
+
+def linear_light(rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Amount of light, 0..1, that 8-bit sRGB values stand for. Source: IEC 61966-2-1.
+
+    Mixtures within a pixel, shading and blur add up in it, not in the coded values.
+
+    Args:
+        rgb: uint8, any shape.
+
+    Returns:
+        float32 of the same shape.
+    """
+    return _LINEAR[rgb]
