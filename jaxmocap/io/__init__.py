@@ -1,14 +1,24 @@
-"""Files: rigs, OpenCV calibrations, tables, JSON; whole or not at all, read with every mistake named."""
+"""Files: rigs, OpenCV calibrations, tables, JSON, skeletons; whole or not at all, read with every mistake named."""
 
 from jaxmocap.io.atomic import write_bytes as write_bytes
 from jaxmocap.io.atomic import write_many as write_many
 from jaxmocap.io.atomic import write_text as write_text
+from jaxmocap.io.bvh import bvh_text as bvh_text
+from jaxmocap.io.bvh import write_bvh as write_bvh
 from jaxmocap.io.camera_numbers import NamedCamera as NamedCamera
+from jaxmocap.io.collada import collada_text as collada_text
+from jaxmocap.io.collada import write_collada as write_collada
+from jaxmocap.io.gltf import glb_bytes as glb_bytes
+from jaxmocap.io.gltf import write_glb as write_glb
 from jaxmocap.io.json_file import json_bytes as json_bytes
 from jaxmocap.io.json_file import write_json as write_json
 from jaxmocap.io.opencv_yaml import opencv_yaml_text as opencv_yaml_text
 from jaxmocap.io.opencv_yaml import read_opencv_yaml as read_opencv_yaml
 from jaxmocap.io.opencv_yaml import write_opencv_yaml as write_opencv_yaml
+from jaxmocap.io.points_table import Points as Points
+from jaxmocap.io.points_table import points_text as points_text
+from jaxmocap.io.points_table import read_points as read_points
+from jaxmocap.io.points_table import write_points as write_points
 from jaxmocap.io.rig_file import RigFile as RigFile
 from jaxmocap.io.rig_file import rig_text as rig_text
 from jaxmocap.io.rig_file import write_rig as write_rig

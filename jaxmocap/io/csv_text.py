@@ -50,6 +50,14 @@ class Table:
         """
         return np.stack([self._floats(column) for column in columns], axis=1)
 
+    def numbers_or_blank(self, *columns: str) -> np.ndarray:
+        """Columns as floats, shape (rows, columns), NaN where the cell is blank.
+
+        Raises:
+            InputError: if a cell is neither blank nor a finite number.
+        """
+        return np.stack([self._floats(column, may_be_blank=True) for column in columns], axis=1)
+
     def counts(self, column: str) -> np.ndarray:
         """A column as whole numbers from 0, shape (rows,).
 
@@ -72,13 +80,14 @@ class Table:
             row = int(np.argmax(bad))
             self._complain(column, row, f"{expected}, got {_quoted(self.cells[column][row])}")
 
-    def _floats(self, column: str) -> np.ndarray:
+    def _floats(self, column: str, may_be_blank: bool = False) -> np.ndarray:
         cells = self.cells[column]
+        blank = np.array([may_be_blank and not cell for cell in cells])
         for row, cell in enumerate(cells):
-            if not NUMBER.fullmatch(cell):
+            if not blank[row] and not NUMBER.fullmatch(cell):
                 self._complain(column, row, _not_a_number(cell))
-        values = np.array([float(cell) for cell in cells])
-        self.refuse(column, ~np.isfinite(values), "expected a number that a computer can hold")
+        values = np.array([float(cell or "nan") for cell in cells])
+        self.refuse(column, ~np.isfinite(values) & ~blank, "expected a number that a computer can hold")
         return values
 
     def _complain(self, column: str, row: int, what: str) -> NoReturn:

@@ -3,9 +3,7 @@
 import re
 
 from jaxmocap._errors import InputError
-
-METRES = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
-"""Physical units that a length may carry, in metres."""
+from jaxmocap.io.length_units import METRES
 
 
 def parse_length(text: str | float, what: str) -> tuple[float, str]:

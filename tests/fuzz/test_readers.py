@@ -61,6 +61,8 @@ SEEDS = {
     "read_opencv_yaml": YAML,
     "read_correspondences": "view,x,y,z,u,v,sigma,camera\n" + "1,0.5,1e-3,-2,10.25,20.5,0.1,left\n" * 8,
     "read_observations": "frame,camera,marker,u,v,sigma\n" + '3,"cam 1",,10.25,20.5,0.1\n' * 8,
+    "read_points": "frame,marker,x,y,z,sigma_x,sigma_y,sigma_z,views\n"
+    + "".join(f'{i},"head.1",10.25,-20.5,1e-3,0.1,,0.3,12\n' for i in range(8)),
 }
 NASTY = [
     b"nan", b"inf", b"-", b"1e999", b"9" * 5000, b"0x" + b"f" * 5000, b"[" * 3000, b'"', b"\\u0000", b"\0", b"\xff\xfe",

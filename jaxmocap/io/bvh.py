@@ -1,0 +1,144 @@
+"""BVH: the skeleton's rest offsets and, frame by frame, Euler angles without jumps."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxmocap.io.atomic import write_text
+from jaxmocap.io.skeleton_tree import unique_words
+from jaxmocap.io.take import SkeletonMotion, Take, prepare_take
+
+_ORDERS = ((2, 0, 1), (2, 1, 0), (0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0))
+"""Axes in the order of the channels; the first, ZXY, is the usual one and wins draws."""
+
+_LOCKED = 1e-7
+"""cos(middle angle) below which the outer angles turn about one axis and only their sum or difference is defined:
+rounding of the matrix (1e-16) then moves them by more than 1e-9 rad."""
+
+
+def write_bvh(
+    path: str | Path,
+    motion: SkeletonMotion,
+    *,
+    unit: str | None = None,
+    up: str = "y",
+    fps: float | None = None,
+    gaps: int = 0,
+) -> str:
+    """Write a motion as BVH, whole or not at all.
+
+    Each joint's channels come in the order (of six) that keeps its middle angle farthest from 90 degrees over the
+    take; among the angles that give one rotation, those nearest the frame before are written.
+
+    Args:
+        path: the file.
+        motion: the motion.
+        unit: unit of lengths in the file (BVH itself has no place for it); None keeps that of the motion.
+        up: axis of the motion's world that points up; it becomes y, as BVH is usually read.
+        fps: frames per second; None takes the motion's own.
+        gaps: longest run of missing frames that is interpolated.
+
+    Returns:
+        One sentence on what was written.
+
+    Raises:
+        InputError: for a motion that no file can hold, or if the file cannot be written.
+    """
+    text, said = bvh_text(motion, unit=unit, up=up, fps=fps, gaps=gaps)
+    write_text(path, text)
+    return f"{path}: {said}"
+
+
+def bvh_text(
+    motion: SkeletonMotion, *, unit: str | None = None, up: str = "y", fps: float | None = None, gaps: int = 0
+) -> tuple[str, str]:
+    """The text that `write_bvh` writes, and its sentence without the file name.
+
+    Raises:
+        InputError: as `write_bvh`.
+    """
+    take = prepare_take(motion, unit=unit, up=up, fps=fps, gaps=gaps)
+    R_parent_joint = Rotation.from_quat(take.quaternions.reshape(-1, 4)).as_matrix()
+    R_parent_joint = R_parent_joint.reshape(*take.quaternions.shape[:2], 3, 3)
+    orders = [_best_order(R_parent_joint[:, joint]) for joint in range(len(take.tree.names))]
+    words = unique_words(take.tree.names, r"\w.:\-", r"\w")  # a space ends a name in BVH
+    columns = [take.root]
+    for joint in take.tree.order:
+        columns.append(np.degrees(continuous_euler(R_parent_joint[:, joint], orders[joint])))
+    rows = [" ".join(f"{round(v, 12) + 0.0:.10g}" for v in row) for row in np.concatenate(columns, axis=1)]
+    lines = [*_hierarchy(take, words, orders), "MOTION", f"Frames: {take.frames}", f"Frame Time: {1 / take.fps!r}"]
+    renamed = [f"{n!r} is called {w}" for n, w in zip(take.tree.names, words) if n != w]
+    more = [f"{len(renamed)} joint names changed ({renamed[0]})"] if renamed else []
+    return "\n".join([*lines, *rows, ""]), take.sentence(*more)
+
+
+def continuous_euler(R: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
+    """Angles (a, b, c) with R = R_i(a) R_j(b) R_k(c) at each frame, as near to the frame before as can be.
+
+    Args:
+        R: (frames, 3, 3) rotation matrices.
+        order: (i, j, k), the axes, all different.
+
+    Returns:
+        (frames, 3) angles [rad], not confined to a turn. Where the middle angle is a quarter turn, the first
+        angle stays as it was before and the third says the rest.
+    """
+    i, j, k = order
+    sign = 1.0 if (j - i) % 3 == 1 else -1.0
+    angles = np.zeros((len(R), 3))
+    before = np.zeros(3)
+    for frame, M in enumerate(R):
+        cosine = math.hypot(M[i, i], M[i, j])
+        b = math.atan2(sign * M[i, k], cosine)
+        if cosine > _LOCKED:
+            a, c = math.atan2(-sign * M[j, k], M[k, k]), math.atan2(-sign * M[i, j], M[i, i])
+        else:  # what is left is a turn about the axis k after a: R_j(-b) R_i(-a) R
+            a = before[0]
+            rest = (_turn(i, a) @ _turn(j, b)).T @ M
+            i2, j2 = (k + 1) % 3, (k + 2) % 3
+            c = math.atan2(rest[j2, i2], rest[i2, i2])
+        same = [np.array([a, b, c]), np.array([a + math.pi, math.pi - b, c + math.pi])]
+        near = [s + 2 * math.pi * np.round((before - s) / (2 * math.pi)) for s in same]
+        before = min(near, key=lambda s: float(np.sum((s - before) ** 2)))
+        angles[frame] = before
+    return angles
+
+
+def _turn(axis: int, angle: float) -> np.ndarray:
+    R, i, j = np.eye(3), (axis + 1) % 3, (axis + 2) % 3
+    R[i, i] = R[j, j] = math.cos(angle)
+    R[j, i] = math.sin(angle)
+    R[i, j] = -R[j, i]
+    return R
+
+
+def _best_order(R: np.ndarray) -> tuple[int, int, int]:
+    """The order whose middle angle stays farthest from a quarter turn; its sine is the entry (first, last)."""
+    worst = [round(float(np.max(np.abs(R[:, order[0], order[2]]))), 6) for order in _ORDERS]
+    # The usual order unless it comes within 30 degrees of gimbal lock: readers know it best.
+    return _ORDERS[0] if worst[0] < math.cos(math.radians(30)) else _ORDERS[int(np.argmin(worst))]
+
+
+def _hierarchy(take: Take, words: list[str], orders: list[tuple[int, int, int]]) -> list[str]:
+    lines, depth = ["HIERARCHY"], {-1: -1}
+    open_joints: list[int] = []
+    for joint in take.tree.order:
+        parent = take.tree.parents[joint]
+        while open_joints and open_joints[-1] != parent:
+            lines.append("\t" * depth[open_joints.pop()] + "}")
+        depth[joint] = depth[parent] + 1
+        tabs = "\t" * depth[joint]
+        turns = " ".join(f"{'XYZ'[axis]}rotation" for axis in orders[joint])
+        channels = f"3 {turns}" if parent >= 0 else f"6 Xposition Yposition Zposition {turns}"
+        lines += [f"{tabs}{'JOINT' if parent >= 0 else 'ROOT'} {words[joint]}", f"{tabs}{{"]
+        lines += [f"{tabs}\tOFFSET {_offset(take.offsets[joint])}", f"{tabs}\tCHANNELS {channels}"]
+        open_joints.append(joint)
+        if not take.tree.children[joint]:  # the grammar wants an end; nothing is known beyond the last joint
+            lines += [f"{tabs}\tEnd Site", f"{tabs}\t{{", f"{tabs}\t\tOFFSET 0 0 0", f"{tabs}\t}}"]
+    return lines + ["\t" * depth[joint] + "}" for joint in reversed(open_joints)]
+
+
+def _offset(offset: np.ndarray) -> str:
+    return " ".join(f"{round(v, 12) + 0.0:.10g}" for v in offset)
