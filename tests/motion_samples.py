@@ -1,12 +1,13 @@
 """Skeletons in motion for the tests of exporters, with positions of their joints worked out here."""
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 
+from jaxmocap.bodies import SkeletonMotion
 
-def arm(**changes) -> SimpleNamespace:
+
+def arm(**changes) -> SkeletonMotion:
     """Root, elbow 3 up, hand 2 further: the elbow bends by 0, 45 and 90 degrees about z. Lengths in cm."""
     rotvec = np.zeros((3, 3, 3))
     rotvec[:, 1, 2] = [0.0, math.pi / 4, math.pi / 2]
@@ -19,7 +20,7 @@ def arm(**changes) -> SimpleNamespace:
         "unit": "cm",
         "fps": 25.0,
     }
-    return SimpleNamespace(**values | changes)
+    return SkeletonMotion(**values | changes)
 
 
 # By hand: the hand is 2 beyond the elbow, turned by the angle from y towards -x.
@@ -27,17 +28,17 @@ ARM_HANDS = np.array([[0.0, 5, 0], [1 - math.sqrt(2), 3 + math.sqrt(2), 0], [2 -
 ARM_ELBOWS = np.array([[0.0, 3, 0], [1, 3, 0], [2, 3, 0]])
 
 
-def still(frame: int = 0, **changes) -> SimpleNamespace:
+def still(frame: int = 0, **changes) -> SkeletonMotion:
     """One frame of the arm."""
     whole = arm()
-    return arm(rotvec=whole.rotvec[frame : frame + 1], root=whole.root[frame : frame + 1], **changes)
+    return arm(**{"rotvec": whole.rotvec[frame : frame + 1], "root": whole.root[frame : frame + 1]} | changes)
 
 
-def tumbling(seed: int, frames: int = 30, joints: int = 6) -> SimpleNamespace:
+def tumbling(seed: int, frames: int = 30, joints: int = 6) -> SkeletonMotion:
     """A random tree whose joints turn by several whole turns; lengths in mm."""
     rng = np.random.default_rng(seed)
     parents = (-1, *(int(rng.integers(0, j)) for j in range(1, joints)))
-    return SimpleNamespace(
+    return SkeletonMotion(
         names=tuple(f"joint{j}" for j in range(joints)),
         parents=parents,
         offsets=rng.normal(size=(joints, 3)) * 30 * (np.arange(joints) > 0)[:, None],
@@ -58,7 +59,7 @@ def matrix(rotvec: np.ndarray) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * K + (1 - math.cos(angle)) * K @ K
 
 
-def positions(motion: SimpleNamespace) -> np.ndarray:
+def positions(motion: SkeletonMotion) -> np.ndarray:
     """(frames, joints, 3) by going down the tree; parents come first in these samples."""
     frames, joints, _ = motion.rotvec.shape
     p, R = np.zeros((frames, joints, 3)), np.zeros((frames, joints, 3, 3))

@@ -14,6 +14,8 @@ from jaxmocap.bodies.tree import check_tree
 class SkeletonMotion:
     """Joint rotations frame by frame. A single pose is a motion of one frame. Checked when made.
 
+    What is missing is NaN here and never reaches a file: exporters bridge gaps as they are told, or refuse them.
+
     Joint j stands at p_parent + R_parent offset_j and is turned by R_parent exp(rotvec_j).
     """
 
@@ -24,9 +26,9 @@ class SkeletonMotion:
     offsets: np.ndarray
     """(joints, 3) rest offset from the parent's joint, in the parent's frame; the root's is not used."""
     rotvec: np.ndarray
-    """(frames, joints, 3) rotation relative to the parent [rad]; the root's: to the world."""
+    """(frames, joints, 3) rotation relative to the parent [rad]; the root's: to the world. NaN where it is missing."""
     root: np.ndarray
-    """(frames, 3) position of the root."""
+    """(frames, 3) position of the root; NaN where it is missing."""
     unit: str = "mm"
     """Unit of offsets and root; "1": no physical unit."""
     fps: float = 25.0
@@ -43,8 +45,10 @@ class SkeletonMotion:
         }
         if not rotvec.shape[0]:
             raise InputError("rotvec: expected at least one frame, got none")
+        check_finite("offsets", values["offsets"], "A bone needs a length, whether or not it was seen.")
         for name, value in values.items():
-            check_finite(name, value, "Fill or cut gaps before making a motion.")
+            if np.isinf(value).any():
+                raise InputError(f"{name}: expected finite numbers, or NaN where something is missing, got infinity")
             object.__setattr__(self, name, value)
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"fps: expected a positive number, got {self.fps}")

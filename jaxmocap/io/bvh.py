@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jaxmocap.bodies.motion import SkeletonMotion
 from jaxmocap.io.atomic import write_text
-from jaxmocap.io.skeleton_tree import unique_words
-from jaxmocap.io.take import SkeletonMotion, Take, prepare_take
+from jaxmocap.io.take import Take, prepare_take
+from jaxmocap.io.written_names import unique_words
 
 _ORDERS = ((2, 0, 1), (2, 1, 0), (0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0))
 """Axes in the order of the channels; the first, ZXY, is the usual one and wins draws."""
@@ -60,16 +61,15 @@ def bvh_text(
         InputError: as `write_bvh`.
     """
     take = prepare_take(motion, unit=unit, up=up, fps=fps, gaps=gaps)
-    R_parent_joint = Rotation.from_quat(take.quaternions.reshape(-1, 4)).as_matrix()
-    R_parent_joint = R_parent_joint.reshape(*take.quaternions.shape[:2], 3, 3)
-    orders = [_best_order(R_parent_joint[:, joint]) for joint in range(len(take.tree.names))]
-    words = unique_words(take.tree.names, r"\w.:\-", r"\w")  # a space ends a name in BVH
-    columns = [take.root]
-    for joint in take.tree.order:
-        columns.append(np.degrees(continuous_euler(R_parent_joint[:, joint], orders[joint])))
-    rows = [" ".join(f"{round(v, 12) + 0.0:.10g}" for v in row) for row in np.concatenate(columns, axis=1)]
-    lines = [*_hierarchy(take, words, orders), "MOTION", f"Frames: {take.frames}", f"Frame Time: {1 / take.fps!r}"]
-    renamed = [f"{n!r} is called {w}" for n, w in zip(take.tree.names, words) if n != w]
+    m = take.motion
+    R_parent_joint = Rotation.from_quat(take.quaternions.reshape(-1, 4)).as_matrix().reshape(*m.rotvec.shape, 3)
+    orders = [_best_order(R_parent_joint[:, joint]) for joint in range(len(m.names))]
+    words = unique_words(m.names, r"\w.:\-", r"\w")  # a space ends a name in BVH
+    hierarchy, listed = _hierarchy(take, words, orders)
+    angles = [np.degrees(continuous_euler(R_parent_joint[:, joint], orders[joint])) for joint in listed]
+    rows = [_numbers(row) for row in np.concatenate([m.root, *angles], axis=1)]
+    lines = [*hierarchy, "MOTION", f"Frames: {m.frames}", f"Frame Time: {1 / m.fps!r}"]
+    renamed = [f"{n!r} is called {w}" for n, w in zip(m.names, words) if n != w]
     more = [f"{len(renamed)} joint names changed ({renamed[0]})"] if renamed else []
     return "\n".join([*lines, *rows, ""]), take.sentence(*more)
 
@@ -121,24 +121,28 @@ def _best_order(R: np.ndarray) -> tuple[int, int, int]:
     return _ORDERS[0] if worst[0] < math.cos(math.radians(30)) else _ORDERS[int(np.argmin(worst))]
 
 
-def _hierarchy(take: Take, words: list[str], orders: list[tuple[int, int, int]]) -> list[str]:
-    lines, depth = ["HIERARCHY"], {-1: -1}
-    open_joints: list[int] = []
-    for joint in take.tree.order:
-        parent = take.tree.parents[joint]
-        while open_joints and open_joints[-1] != parent:
-            lines.append("\t" * depth[open_joints.pop()] + "}")
-        depth[joint] = depth[parent] + 1
-        tabs = "\t" * depth[joint]
+def _hierarchy(take: Take, words: list[str], orders: list[tuple[int, int, int]]) -> tuple[list[str], list[int]]:
+    """The lines of the hierarchy, and the joints in its order, which is also that of the numbers."""
+    lines, listed = ["HIERARCHY"], []
+
+    def add(joint: int, tabs: str) -> None:
+        is_root = take.motion.parents[joint] < 0
         turns = " ".join(f"{'XYZ'[axis]}rotation" for axis in orders[joint])
-        channels = f"3 {turns}" if parent >= 0 else f"6 Xposition Yposition Zposition {turns}"
-        lines += [f"{tabs}{'JOINT' if parent >= 0 else 'ROOT'} {words[joint]}", f"{tabs}{{"]
-        lines += [f"{tabs}\tOFFSET {_offset(take.offsets[joint])}", f"{tabs}\tCHANNELS {channels}"]
-        open_joints.append(joint)
-        if not take.tree.children[joint]:  # the grammar wants an end; nothing is known beyond the last joint
-            lines += [f"{tabs}\tEnd Site", f"{tabs}\t{{", f"{tabs}\t\tOFFSET 0 0 0", f"{tabs}\t}}"]
-    return lines + ["\t" * depth[joint] + "}" for joint in reversed(open_joints)]
+        channels = f"6 Xposition Yposition Zposition {turns}" if is_root else f"3 {turns}"
+        lines.extend([f"{tabs}{'ROOT' if is_root else 'JOINT'} {words[joint]}", f"{tabs}{{"])
+        lines.extend([f"{tabs}\tOFFSET {_numbers(take.motion.offsets[joint])}", f"{tabs}\tCHANNELS {channels}"])
+        listed.append(joint)
+        children = take.children(joint)
+        for child in children:
+            add(child, tabs + "\t")
+        if not children:  # the grammar wants an end; nothing is known beyond the last joint
+            lines.extend([f"{tabs}\tEnd Site", f"{tabs}\t{{", f"{tabs}\t\tOFFSET 0 0 0", f"{tabs}\t}}"])
+        lines.append(f"{tabs}}}")
+
+    add(take.motion.parents.index(-1), "")
+    return lines, listed
 
 
-def _offset(offset: np.ndarray) -> str:
-    return " ".join(f"{round(v, 12) + 0.0:.10g}" for v in offset)
+def _numbers(values: np.ndarray) -> str:
+    # Rounding turns what is left of a cosine of 90 degrees into 0, and + 0.0 turns -0 into 0.
+    return " ".join(f"{round(float(v), 12) + 0.0:.10g}" for v in values)

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from jaxmocap._errors import InputError
+from jaxmocap.bodies.motion import SkeletonMotion
 from jaxmocap.io.atomic import write_bytes
 from jaxmocap.io.gltf_chunks import ARRAY_BUFFER, Buffer, glb_container
 from jaxmocap.io.gltf_shapes import Mesh, balls, bones, unit_ball
-from jaxmocap.io.take import SkeletonMotion, Take, points_in_file, prepare_take
+from jaxmocap.io.take import Take, points_in_file, prepare_take
 
 Colour = tuple[float, float, float]
 """Red, green, blue, 0..1, as in a picture (sRGB)."""
@@ -78,7 +79,7 @@ def glb_bytes(
         raise InputError(f"unit: glTF files are in metres; expected 'm', got {unit!r}. Leave unit= out.")
     wanted = "1" if motion.unit == "1" else "m"
     take = prepare_take(motion, unit=wanted, up=up, fps=fps, gaps=gaps)
-    seen = _markers(markers or {}, take.frames, motion.unit, wanted, up)
+    seen = _markers(markers or {}, motion.frames, motion.unit, wanted, up)
     document = _Document(take)
     document.add_skeleton()
     for name, p_file in seen.items():
@@ -118,32 +119,31 @@ class _Document:
         self.channels: list[dict[str, Any]] = []
         self.samplers: list[dict[str, Any]] = []
         self.balls: dict[Colour, int] = {}
-        self.times = self.buffer.add(take.times, bounds=True) if take.frames > 1 else -1
-        p_rest = np.zeros((len(take.tree.names), 3))
-        for joint in take.tree.order:
-            parent = take.tree.parents[joint]
-            p_rest[joint] = take.offsets[joint] + (p_rest[parent] if parent >= 0 else 0.0)
-        self.p_rest = p_rest
+        self.times = self.buffer.add(take.times, bounds=True) if take.motion.frames > 1 else -1
+        self.p_rest = p_rest = np.zeros((len(take.motion.names), 3))
+        for joint, parent in enumerate(take.motion.parents):
+            p_rest[joint] = take.motion.offsets[joint] + (p_rest[parent] if parent >= 0 else 0.0)
         size = float(np.max(np.ptp(p_rest, axis=0)))
         self.radius = _BALL * (size if size > 0 else 1.0)
 
     def add_skeleton(self) -> None:
         """The joints with their motion, and the skin on them."""
-        take, tree = self.take, self.take.tree
-        for joint, name in enumerate(tree.names):
-            translation = take.root[0] if tree.parents[joint] < 0 else take.offsets[joint]
+        take, m = self.take, self.take.motion
+        for joint, name in enumerate(m.names):
+            translation = m.root[0] if m.parents[joint] < 0 else m.offsets[joint]
             node = {"name": name, "translation": _floats(translation), "rotation": _floats(take.quaternions[0, joint])}
-            self.nodes.append(node | ({"children": list(tree.children[joint])} if tree.children[joint] else {}))
+            children = take.children(joint)
+            self.nodes.append(node | ({"children": children} if children else {}))
             if np.ptp(take.quaternions[:, joint], axis=0).any():
                 self._animate(joint, "rotation", take.quaternions[:, joint])
-        root = tree.order[0]
-        if np.ptp(take.root, axis=0).any():
-            self._animate(root, "translation", take.root)
-        inverse_bind = np.tile(np.eye(4), (len(tree.names), 1, 1))
+        root = m.parents.index(-1)
+        if np.ptp(m.root, axis=0).any():
+            self._animate(root, "translation", m.root)
+        inverse_bind = np.tile(np.eye(4), (len(m.names), 1, 1))
         inverse_bind[:, 3, :3] = -self.p_rest  # glTF stores matrices by columns
-        joints = list(range(len(tree.names)))
+        joints = list(range(len(m.names)))
         self.skins.append({"joints": joints, "skeleton": root, "inverseBindMatrices": self.buffer.add(inverse_bind)})
-        parts = ((bones(self.p_rest, tree.parents), _BONE), (balls(self.p_rest, self.radius), _JOINT))
+        parts = ((bones(self.p_rest, m.parents), _BONE), (balls(self.p_rest, self.radius), _JOINT))
         primitives = [self._primitive(mesh, colour, skinned=True) for mesh, colour in parts if len(mesh.positions)]
         self.meshes.append({"name": "skeleton", "primitives": primitives})
         self.nodes.append({"name": "skeleton", "mesh": len(self.meshes) - 1, "skin": 0})
@@ -171,7 +171,11 @@ class _Document:
     def finish(self, unit: str) -> bytes:
         """The file."""
         content: dict[str, Any] = {
-            "asset": {"version": "2.0", "generator": "jaxmocap", "extras": {"fps": self.take.fps, "source_unit": unit}},
+            "asset": {
+                "version": "2.0",
+                "generator": "jaxmocap",
+                "extras": {"fps": self.take.motion.fps, "source_unit": unit},
+            },
             "scene": 0,
             "scenes": [{"name": "scene", "nodes": self.scene}],
             "nodes": self.nodes,

@@ -125,7 +125,7 @@ def points_text(
         raise InputError(
             f"points: expected {rows} rows as in frame, got marker {len(marker)}, xyz {xyz.shape}, sigma {sigma.shape}."
         )
-    kept = np.flatnonzero(np.isfinite(xyz).all(axis=1))
+    kept = np.flatnonzero(np.isfinite(xyz).all(axis=1)).tolist()
     columns = {"frame": frame[kept], "marker": [marker[row] for row in kept]}
     columns |= dict(zip("xyz", xyz[kept].T)) | dict(zip(_SIGMAS, sigma[kept].T))
     columns |= {} if views is None else {"views": np.asarray(views)[kept]}

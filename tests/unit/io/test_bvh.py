@@ -89,10 +89,9 @@ def test_at_gimbal_lock_the_rotation_is_still_right(order, side):
 
 def test_a_joint_that_reaches_gimbal_lock_gets_another_order():
     # ZXY locks at a quarter turn about x: there a small turn about another axis would fling the outer angles.
-    motion = arm()
-    motion.rotvec = np.zeros((3, 3, 3))
-    motion.rotvec[:, 1, 0] = [0, math.pi / 2, 1.6]
-    text, _ = bvh_text(motion)
+    rotvec = np.zeros((3, 3, 3))
+    rotvec[:, 1, 0] = [0, math.pi / 2, 1.6]
+    text, _ = bvh_text(arm(rotvec=rotvec))
     lines = [line.split() for line in text.splitlines() if "CHANNELS" in line]
     assert lines[0][-3:] == lines[2][-3:] == ["Zrotation", "Xrotation", "Yrotation"]
     assert lines[1][-2] != "Xrotation"

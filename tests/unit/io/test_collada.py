@@ -48,8 +48,11 @@ def world(node, above=None, found=None) -> dict[str, np.ndarray]:
 def test_the_document_s_elbow_as_printed():
     # Section 6.3: the elbow relative to the shoulder.
     printed = np.array([3.2703316, -0.31502795, -0.3093352])
-    motion = still(names=("root-joint", "l-shoulder-joint", "l-elbow-joint"), rotvec=np.zeros((1, 3, 3)))
-    motion.offsets = np.array([[0.0, 0, 0], [1, 2, 3], printed])
+    motion = still(
+        names=("root-joint", "l-shoulder-joint", "l-elbow-joint"),
+        rotvec=np.zeros((1, 3, 3)),
+        offsets=np.array([[0.0, 0, 0], [1, 2, 3], printed]),
+    )
     text, _ = collada_text(motion)
     nodes = {n.get("id"): n for n in ElementTree.fromstring(text).iter(f"{{{NS['c']}}}node")}
     assert all(n.get("type") == "JOINT" for n in nodes.values())
@@ -127,6 +130,13 @@ def test_hostile_names_come_back_whole():
     tree = ElementTree.fromstring(text)
     assert [e.text for e in tree.iterfind(".//c:technique[@profile='jaxmocap']/c:name", NS)] != []
     assert {e.text for e in tree.iterfind(".//c:technique[@profile='jaxmocap']/c:name", NS)} == set(HOSTILE)
+
+
+def test_a_joint_of_no_length_is_not_in_the_document_s_hierarchy():
+    motion = still(names=("root-joint", "neck", "head"), offsets=np.array([[0.0, 0, 0], [0, 0, 0], [0, 2, 0]]))
+    text, said = collada_text(motion)
+    assert 'id="neck"' not in text and "without neck, which has no length" in said
+    assert 'id="neck"' in collada_text(motion, rotations=True)[0]
 
 
 def test_ids_do_not_meet():

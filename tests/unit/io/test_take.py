@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from motion_samples import arm, positions, still, tumbling
+from motion_samples import arm, positions, tumbling
 
 from jaxmocap._errors import InputError
 from jaxmocap.io import bvh_text, collada_text, glb_bytes
@@ -21,41 +21,39 @@ def with_gap(start: int, stop: int, joint: int = 1, frames: int = 8):
 
 
 WRONG = {
-    "no joint": (arm(names=(), parents=(), offsets=np.zeros((0, 3)), rotvec=np.zeros((3, 0, 3))), "at least one joint"),
-    "two roots": (arm(parents=(-1, 0, -1)), "one root, got 2: 'root-joint', 'hand'"),
-    "circle": (arm(parents=(-1, 2, 1)), "circle: 'elbow', 'hand'"),
-    "no root": (arm(parents=(2, 0, 1)), "circle"),
-    "own parent": (arm(parents=(-1, 1, 0)), "circle: 'elbow'"),
-    "unknown parent": (arm(parents=(-1, 0, 7)), "'hand' has the unknown parent 7"),
-    "too few parents": (arm(parents=(-1, 0)), "expected 3, one per joint, got 2"),
-    "double name": (arm(names=("a", "b", "b")), "two joints are called 'b'"),
-    "empty name": (arm(names=("a", " ", "c")), "joint 1 has no name"),
-    "control character": (arm(names=("a", "b\x00", "c")), "no file can store"),
-    "half a surrogate": (arm(names=("a", "b\udc80", "c")), "no file can store"),
-    "no frame": (arm(rotvec=np.zeros((0, 3, 3)), root=np.zeros((0, 3))), "at least one frame"),
-    "offsets of another shape": (arm(offsets=np.zeros((2, 3))), r"offsets: expected shape \(3, 3\)"),
-    "rotvec of another shape": (arm(rotvec=np.zeros((3, 2, 3))), "rotvec: expected shape"),
-    "root of another length": (arm(root=np.zeros((2, 3))), "root: expected shape"),
-    "offset missing": (arm(offsets=np.array([[0, 0, 0], [0, NAN, 0], [0, 2, 0]])), "'elbow' has no finite offset"),
-    "infinite": (arm(root=np.array([[0, 0, 0], [math.inf, 0, 0], [2, 0, 0]])), "infinity"),
-    "fps 0": (arm(fps=0.0), "fps: expected frames per second above 0, got 0.0"),
-    "fps NaN": (arm(fps=NAN), "fps"),
-    "fps negative": (arm(fps=-25.0), "fps"),
-    "unit unknown": (arm(unit="yards"), "expected a unit out of"),
-    "gap": (with_gap(2, 4), "'joint1' is missing in frames 2 to 3; gaps=0 allows no"),
-    "gap at the start": (with_gap(0, 1), "frame 0, at the start"),
-    "gap at the end": (with_gap(6, 8), "frames 6 to 7, at the end"),
-    "joint never seen": (with_gap(0, 8), "'joint1' is missing in every frame"),
-    "root missing": (arm(root=np.array([[0, 0, 0], [NAN, 0, 0], [2, 0, 0]])), "root is missing in frame 1"),
+    "no joint": (
+        lambda: arm(names=(), parents=(), offsets=np.zeros((0, 3)), rotvec=np.zeros((3, 0, 3))),
+        "at least one joint",
+    ),
+    "two roots": (lambda: arm(parents=(-1, 0, -1)), "one root, got 2"),
+    "circle": (lambda: arm(parents=(-1, 2, 1)), "cycle"),
+    "no root": (lambda: arm(parents=(2, 0, 1)), "cycle"),
+    "unknown parent": (lambda: arm(parents=(-1, 0, 7)), "'hand' has parent 7"),
+    "too few parents": (lambda: arm(parents=(-1, 0)), "parents: expected one per joint"),
+    "double name": (lambda: arm(names=("a", "b", "b")), "'b' is there twice"),
+    "empty name": (lambda: arm(names=("a", " ", "c")), "expected a name for every joint"),
+    "control character": (lambda: arm(names=("a", "b\x00", "c")), "no file can store"),
+    "half a surrogate": (lambda: arm(names=("a", "b\udc80", "c")), "no file can store"),
+    "no frame": (lambda: arm(rotvec=np.zeros((0, 3, 3)), root=np.zeros((0, 3))), "at least one frame"),
+    "offset missing": (lambda: arm(offsets=np.array([[0, 0, 0], [0, NAN, 0], [0, 2, 0]])), "offsets: 1 of 9"),
+    "infinite": (lambda: arm(root=np.array([[0, 0, 0], [math.inf, 0, 0], [2, 0, 0]])), "infinity"),
+    "fps 0": (lambda: arm(fps=0.0), "fps: expected a positive number, got 0.0"),
+    "fps NaN": (lambda: arm(fps=NAN), "fps"),
+    "unit unknown": (lambda: arm(unit="yards"), "expected a unit out of"),
+    "gap": (lambda: with_gap(2, 4), "'joint1' is missing in frames 2 to 3; gaps=0 allows no"),
+    "gap at the start": (lambda: with_gap(0, 1), "frame 0, at the start"),
+    "gap at the end": (lambda: with_gap(6, 8), "frames 6 to 7, at the end"),
+    "joint never seen": (lambda: with_gap(0, 8), "'joint1' is missing in every frame"),
+    "root missing": (lambda: arm(root=np.array([[0, 0, 0], [NAN, 0, 0], [2, 0, 0]])), "root is missing in frame 1"),
 }
 
 
 @pytest.mark.parametrize("export", EXPORTERS)
 @pytest.mark.parametrize("case", WRONG)
 def test_a_motion_that_no_file_can_hold_is_refused_by_name(export, case):
-    motion, sentence = WRONG[case]
+    make, sentence = WRONG[case]
     with pytest.raises(InputError, match=sentence):
-        export(motion)
+        export(make())
 
 
 @pytest.mark.parametrize("export", EXPORTERS)
@@ -76,7 +74,7 @@ def test_wrong_options_are_refused(export, options, sentence):
 
 
 def test_a_chain_too_deep_for_readers_is_refused():
-    n = 20_000
+    n = 201
     motion = arm(
         names=tuple(f"j{j}" for j in range(n)),
         parents=tuple(range(-1, n - 1)),
@@ -108,16 +106,15 @@ def test_a_short_gap_is_bridged_and_counted():
     motion.root[3] = NAN
     take = prepare_take(motion, unit=None, up="y", fps=None, gaps=2)
     assert take.bridged == 3 and "3 missing values interpolated" in take.sentence()
-    np.testing.assert_allclose(take.world()[0], whole, atol=1e-12)
+    np.testing.assert_allclose(take.motion.world()[1], whole, atol=1e-12)
     with pytest.raises(InputError, match="gaps=1 allows 1 missing frames"):
         prepare_take(motion, unit=None, up="y", fps=None, gaps=1)
 
 
 def test_a_gap_takes_the_short_way_across_half_a_turn():
-    motion = still()
-    motion.rotvec = np.array([[[0, 0, 0]] * 3, [[NAN] * 3] + [[0, 0, 0]] * 2, [[0, 0, 0]] * 3], dtype=float)
-    motion.root = np.zeros((3, 3))
-    motion.rotvec[0, 0, 2], motion.rotvec[2, 0, 2] = 3.0, -3.0  # 344 degrees one way, 16 the other
+    rotvec = np.zeros((3, 3, 3))
+    rotvec[:, 0, 2] = [3.0, NAN, -3.0]  # 344 degrees one way, 16 the other
+    motion = arm(rotvec=rotvec)
     take = prepare_take(motion, unit=None, up="y", fps=None, gaps=1)
     np.testing.assert_allclose(np.abs(take.quaternions[1, 0]), [0, 0, 1, 0], atol=1e-12)
 
@@ -125,7 +122,7 @@ def test_a_gap_takes_the_short_way_across_half_a_turn():
 @pytest.mark.parametrize("axis", ["y", "-y", "z", "-z", "x", "-x"])
 def test_the_axis_that_points_up_becomes_y_and_nothing_is_mirrored(axis):
     motion = tumbling(5)
-    upright = prepare_take(motion, unit=None, up=axis, fps=None, gaps=0).world()[0]
+    upright = prepare_take(motion, unit=None, up=axis, fps=None, gaps=0).motion.world()[1]
     p = positions(motion)
     height = p[..., "xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1)
     np.testing.assert_allclose(upright[..., 1], height, atol=1e-9)
@@ -136,7 +133,7 @@ def test_the_axis_that_points_up_becomes_y_and_nothing_is_mirrored(axis):
 
 def test_units_and_times():
     take = prepare_take(arm(), unit="m", up="y", fps=29.97, gaps=0)
-    np.testing.assert_allclose(take.offsets[:, 1], [0, 0.03, 0.02], rtol=1e-15)
+    np.testing.assert_allclose(take.motion.offsets[:, 1], [0, 0.03, 0.02], rtol=1e-15)
     np.testing.assert_allclose(take.times, [0, 1 / 29.97, 2 / 29.97], rtol=1e-15)
     assert "3 joints, 3 frames at 29.97 frames per second, lengths in m, y up." == take.sentence()
 
@@ -146,10 +143,3 @@ def test_quaternions_keep_their_side():
     q = np.stack([np.zeros(50), np.zeros(50), np.sin(half), np.cos(half)], axis=1)
     jumping = q * np.where(np.arange(50) % 3 == 0, -1, 1)[:, None]
     np.testing.assert_allclose(continuous_quaternions(jumping), q, atol=1e-15)
-
-
-def test_parents_may_come_after_their_children():
-    motion = arm(names=("hand", "elbow", "root"), parents=(1, 2, -1))
-    motion.offsets, motion.rotvec = motion.offsets[::-1], motion.rotvec[:, ::-1]
-    turned = prepare_take(motion, unit=None, up="y", fps=None, gaps=0).world()[0]
-    np.testing.assert_allclose(turned[:, ::-1], positions(arm()), atol=1e-12)
