@@ -243,6 +243,27 @@ def _safe_norm(v: Vector3) -> Scalar:
     return jnp.sqrt(jnp.where(squared > 0, squared, 1.0))
 
 
+def between(a: Vector3, b: Vector3, axis: Vector3) -> Matrix3:
+    r"""The smallest rotation that takes one direction to another: R a = b without twist.
+
+    R = c I + [v]_x + v v^T / (1 + c), v = a x b, c = a . b.
+
+    Args:
+        a: unit vector.
+        b: unit vector.
+        axis: unit vector perpendicular to a, by which to turn if b = -a, where every axis would do.
+
+    Returns:
+        R; finite everywhere, with derivatives where b is not -a.
+    Source: stop-motion document, 6.3 (bones know a direction only); optical tracking document, eq. 3.11 rewritten.
+    """
+    v, c = jnp.cross(a, b), jnp.sum(a * b)
+    opposite = c < -1.0 + 1e-12
+    R = c * jnp.eye(3) + cross_matrix(v) + v[:, None] * v[None, :] / jnp.where(opposite, 1.0, 1.0 + c)
+    half_turn = 2.0 * axis[:, None] * axis[None, :] - jnp.eye(3)
+    return jnp.where(opposite, half_turn, R)
+
+
 def nearest_rotation(M: Matrix3) -> Matrix3:
     """The rotation matrix nearest to M in the Frobenius norm (determinant +1).
 

@@ -1,0 +1,377 @@
+"""The document's skeleton from its beads: directions, translations, and the bones that carry no beads.
+
+Two conventions side by side. LITERAL is what is printed: feet and shoulders from cross products with the fixed axes
+of the world (6.4-6.6). REPAIRED, the default, equals it wherever it means something and differs where it does not:
+
+- the printed axes are those of a puppet that faces the camera at angle 0; one that is turned away has axes of its own;
+- a leg along x or a back along z has no printed foot or shoulders, and near there the printed ones flip over;
+- a bead that was not seen leaves its bones in line with their parents, marked as not valid, instead of NaN.
+
+Markers do not say how a limb is twisted about itself; no bone of the result is twisted relative to its parent, except
+as feet and shoulders demand.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from jaxmocap._arrays import Flag, Scalar, Vector3
+from jaxmocap._errors import InputError
+from jaxmocap.bodies import puppet
+from jaxmocap.bodies.motion import SkeletonMotion
+from jaxmocap.bodies.puppet import BONES, JOINTS, MARKERS, RIG_JOINTS, RIG_PARENTS, rig_parents
+from jaxmocap.bodies.tree import KinematicTree
+from jaxmocap.geometry import rotation
+
+BONE_NAMES = JOINTS[1:]
+"""All bones, in the order of the document's hierarchy; they carry the name of the joint at their end."""
+
+_M1 = np.array([MARKERS.index(bone.m1) for bone in BONES])
+_M2 = np.array([MARKERS.index(bone.m2) for bone in BONES])
+_ROW = {bone.name: i for i, bone in enumerate(BONES)}
+_RIG = {name: i for i, name in enumerate(RIG_JOINTS)}
+_REST_DIRECTIONS = np.array([puppet.REST_DIRECTIONS[name] for name in BONE_NAMES])
+_X, _Y, _Z = np.eye(3)
+
+
+def _bones_to_joint() -> np.ndarray:
+    """(joints, bones): 1 where a bone lies between the root and a joint of the rig."""
+    rows = []
+    for joint in RIG_JOINTS:
+        on_the_way, at = set(), joint
+        while at is not None:
+            on_the_way.add(at)
+            at = RIG_PARENTS[at]
+        rows.append([float(bone in on_the_way) for bone in BONE_NAMES])
+    return np.array(rows)
+
+
+_BONES_TO_JOINT = _bones_to_joint()
+
+# Nearer than this to the direction in which a printed cross product vanishes, the repaired convention turns over to
+# the undisturbed one. An error of a bone's direction is enlarged by 1 / sin of the distance: here three times.
+_NEAR = np.sin(np.radians(20.0))
+
+# The document's puppet faces the camera at angle 0 and its legs may swing; beyond this its left side is no longer
+# the world's, whichever way the legs stand.
+_TURNED_AWAY = np.radians(45.0)
+
+
+class SkeletonPose(eqx.Module):
+    """A pose of the puppet.
+
+    Source: stop-motion document, section 6.
+    """
+
+    rotvec: Float[Array, "*batch joints 3"]
+    """Rotation of each joint of `puppet.RIG_JOINTS` relative to its parent [rad]; zero everywhere is the T-pose."""
+    root: Float[Array, "*batch 3"]
+    """Position of the root in the world [scene]."""
+    directions: Float[Array, "*batch bones 3"]
+    """Unit direction of each bone of `BONE_NAMES` in the world."""
+    valid: Bool[Array, "*batch bones"]
+    """False where beads were missing or a printed formula has no value; the direction is then the parent's."""
+
+
+class _Frames(NamedTuple):
+    """Orientation of the parts of the body in the world."""
+
+    root: Array
+    torso: Array
+    head: Array
+    arms: tuple[Array, Array]
+    """(2, 3, 3): left and right; upper, lower."""
+    legs: tuple[Array, Array]
+    feet: Array
+
+
+def _unit(v: Vector3, instead: Vector3, floor: float | Scalar = 1e-12) -> tuple[Vector3, Flag]:
+    """V / |v| and True, or the other vector and False; no derivative is ever infinite."""
+    squared = jnp.sum(v * v)
+    good = squared > floor**2
+    length = jnp.sqrt(jnp.where(good, squared, 1.0))
+    return jnp.where(good, v / length, instead), good
+
+
+def bone_directions(
+    points: Float[Array, "markers 3"], seen: Bool[Array, "markers"]
+) -> tuple[Float[Array, "bones 3"], Bool[Array, "bones"]]:
+    """Directions of the bones with beads, in the order of `puppet.BONES`.
+
+    Args:
+        points: beads in the order of `puppet.MARKERS` [scene]; any finite numbers where not seen.
+        seen: which beads there are.
+
+    Returns:
+        unit vectors (the rest direction where a bead is missing or both stand on one spot), which are valid.
+    Source: stop-motion document, eq. 3.1, 3.2 and 6.1.
+    """
+    rest = jnp.array([puppet.REST_DIRECTIONS[bone.name] for bone in BONES])
+    a = jnp.where((seen[_M1] & seen[_M2])[:, None], points[_M2] - points[_M1], 0.0)
+    return jax.vmap(_unit)(a, rest)
+
+
+def bone_translations(directions: Float[Array, "bones 3"], lengths: Float[Array, "bones"]) -> Float[Array, "bones 3"]:
+    """Translation of each bone's joint from its parent's, in the axes of the world [scene].
+
+    Source: stop-motion document, eq. 6.2-6.3.
+    """
+    return lengths[:, None] * directions
+
+
+def document_foot(leg: Vector3) -> tuple[Vector3, Flag]:
+    """Direction of a foot as printed, leg x (1, 0, 0) / |...|; not valid for a leg along x.
+
+    Source: stop-motion document, eq. 6.4.
+    """
+    return _unit(jnp.cross(leg, jnp.array(_X)), jnp.array(_Z), 1e-9)
+
+
+def document_shoulders(upper_back: Vector3) -> tuple[Float[Array, "2 3"], Flag]:
+    """Directions of left and right shoulder as printed, upper back x (0, 0, +-1) / |...|; not valid along z.
+
+    Source: stop-motion document, eq. 6.5-6.6 (6.6 is printed as a translation; a direction is meant).
+    """
+    left, valid = _unit(jnp.cross(upper_back, jnp.array(_Z)), jnp.array(_X), 1e-9)
+    return jnp.stack([left, -left]), valid
+
+
+def _repaired(bone: Vector3, axis: Vector3, calm: Vector3) -> Vector3:
+    """Bone x axis / |...| without its faults: on the side of `calm`, and `calm` itself where it vanishes.
+
+    `calm` is what an undisturbed turn of the parent gives, perpendicular to the bone.
+    """
+    c = jnp.cross(bone, axis)
+    printed, good = _unit(c, calm, 1e-9)
+    side = jnp.where(jnp.sum(printed * calm) < 0, -1.0, 1.0)
+    t = jnp.clip(jnp.sqrt(jnp.where(good, jnp.sum(c * c), 0.0) + 1e-30) / _NEAR, 0.0, 1.0)
+    weight = t * t * (3.0 - 2.0 * t)
+    return _unit(weight * side * printed + (1.0 - weight) * calm, calm)[0]
+
+
+def facing(points: Float[Array, "markers 3"], seen: Bool[Array, "markers"]) -> tuple[Scalar, Flag]:
+    """Angle about y by which the puppet is turned from facing the camera at angle 0, as its left and right beads say.
+
+    Args:
+        points: beads in the order of `puppet.MARKERS` [scene].
+        seen: which beads there are.
+
+    Returns:
+        angle [rad] (swung limbs make it uncertain by some 10 degrees), False if no pair was seen.
+    Source: stop-motion document, 4.2.1 (x is the puppet's left).
+    """
+    weight_of = {"leg.{}1": 1.0, "leg.{}2": 0.25, "arm.{}1": 1.0, "arm.{}2": 0.25}  # upper beads swing less
+    pairs = [(MARKERS.index(n.format("L")), MARKERS.index(n.format("R"))) for n in weight_of]
+    left, right = np.array(pairs).T
+    weight = jnp.array(list(weight_of.values())) * (seen[left] & seen[right]).astype(float)
+    d = jnp.sum(weight[:, None] * jnp.where((weight > 0)[:, None], points[left] - points[right], 0.0), axis=0)
+    known = d[0] ** 2 + d[2] ** 2 > 1e-18
+    return jnp.arctan2(jnp.where(known, -d[2], 0.0), jnp.where(known, d[0], 1.0)), known
+
+
+def _turn_about_y(angle: Scalar) -> Array:
+    return rotation.exp(jnp.stack([jnp.zeros_like(angle), angle, jnp.zeros_like(angle)]))
+
+
+def _frame(x: Vector3, y: Vector3) -> Array:
+    return jnp.stack([x, y, jnp.cross(x, y)], axis=1)
+
+
+def _swing(R_world_parent: Array, rest: Array, axis: Array, direction: Vector3, valid: Flag) -> tuple[Array, Vector3]:
+    """Frame of a bone that turns from its rest direction by the smallest turn, and its direction."""
+    a = R_world_parent @ rest
+    b = jnp.where(valid, direction, a)
+    return rotation.between(a, b, R_world_parent @ axis) @ R_world_parent, b
+
+
+_swings = jax.vmap(_swing)
+
+
+def _pair(part: str, given: Array, valid: Array) -> tuple[Array, Array]:
+    rows = np.array([_ROW[f"l-{part}-joint"], _ROW[f"r-{part}-joint"]])
+    return given[rows], valid[rows]
+
+
+def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoulder_line: Vector3 | None) -> _Frames:
+    """Frames of all parts; each step hangs on the one before."""
+    left_x, up, front = np.stack([_X, -_X]), np.stack([_Y, _Y]), np.stack([_Z, _Z])
+    back_row, head_row = _ROW["upper-back-joint"], _ROW["head-joint"]
+    back_swing, back = _swing(R_root, jnp.array(_Y), jnp.array(_X), given[back_row], valid[back_row])
+    calm = back_swing[:, 0]
+    shoulder = document_shoulders(back)[0][0] if literal else _repaired(back, R_root[:, 2], calm)
+    if shoulder_line is not None:
+        shoulder = _unit(shoulder_line - back * jnp.sum(back * shoulder_line), shoulder)[0]
+    # A literal shoulder may not be perpendicular to the back where it has no value; then the swing's is used.
+    upright = jnp.abs(jnp.sum(shoulder * back)) < 1e-6
+    torso = jnp.where(upright, _frame(shoulder, back), back_swing)
+    head, _ = _swing(torso, jnp.array(_Y), jnp.array(_X), given[head_row], valid[head_row])
+    both = lambda R: jnp.broadcast_to(R, (2, 3, 3))  # noqa: E731
+    elbow, hand, knee, foot = (_pair(p, given, valid) for p in ("elbow", "hand", "knee", "foot"))
+    upper_arm, _ = _swings(both(torso), left_x, up, *elbow)
+    lower_arm, _ = _swings(upper_arm, left_x, up, *hand)
+    thigh, _ = _swings(both(R_root), -up, left_x[[0, 0]], *knee)
+    shank, leg = _swings(thigh, -up, left_x[[0, 0]], *foot)
+    if literal:
+        toes, there = jax.vmap(document_foot)(leg)
+        toes = jnp.where(there[:, None], toes, shank @ front[0])
+    else:
+        toes = jax.vmap(_repaired, (0, None, 0))(leg, R_root[:, 0], shank[:, :, 2])
+    feet = jax.vmap(lambda y, z: jnp.stack([jnp.cross(y, z), y, z], axis=1))(-leg, toes)
+    return _Frames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
+
+
+def _world_rotations(f: _Frames) -> Float[Array, "joints 3 3"]:
+    """Orientation of every joint of the rig in the world."""
+    world = {"root-joint": f.root, "lower-back-joint": f.torso, "upper-back-joint": f.torso}
+    world |= {puppet.NECK: f.head, "head-joint": f.head}
+    for k, side in enumerate("lr"):
+        for joint, R in (
+            *(("shoulder", f.arms[0][k]), ("elbow", f.arms[1][k]), ("hand", f.arms[1][k]), ("finger", f.arms[1][k])),
+            *(("hip", f.legs[0][k]), ("knee", f.legs[1][k]), ("foot", f.feet[k]), ("toes", f.feet[k])),
+        ):
+            world[f"{side}-{joint}-joint"] = R
+    return jnp.stack([world[name] for name in RIG_JOINTS])
+
+
+def local_rotations(R_world_joint: Float[Array, "joints 3 3"]) -> Float[Array, "joints 3"]:
+    """Rotation vector of every joint of the rig relative to its parent [rad].
+
+    Source: stop-motion document, 6.1 (hierarchic structure).
+    """
+    R = R_world_joint
+    above = jnp.concatenate([R, jnp.eye(3)[None]])[np.array(rig_parents())]
+    return jax.vmap(rotation.log)(jnp.sum(above[:, :, :, None] * R[:, :, None, :], axis=1))
+
+
+def world_directions(R_world_joint: Float[Array, "joints 3 3"]) -> Float[Array, "bones 3"]:
+    """Unit directions of all bones in the world, in the order of `BONE_NAMES`, from the joints' orientations.
+
+    Source: stop-motion document, 6.1 (hierarchic structure).
+    """
+    above = np.array([rig_parents()[_RIG[name]] for name in BONE_NAMES])
+    return jnp.sum(R_world_joint[above] * jnp.array(_REST_DIRECTIONS)[:, None, :], axis=2)
+
+
+def _valid_bones(with_beads: Array, literal: bool, f: _Frames) -> Bool[Array, "bones"]:
+    """Pelvis: always; bones with beads: where seen; the others as the bone they hang on."""
+    said = {bone.name: with_beads[i] for i, bone in enumerate(BONES)}
+    always = jnp.array(True)
+    back = said["upper-back-joint"]
+    if literal:
+        back = back & document_shoulders(f.torso[:, 1])[1]
+    for k, side in enumerate("lr"):
+        foot = said[f"{side}-foot-joint"]
+        said[f"{side}-toes-joint"] = foot & document_foot(-f.legs[1][k][:, 1])[1] if literal else foot
+        said[f"{side}-finger-joint"] = said[f"{side}-hand-joint"]
+        said[f"{side}-shoulder-joint"] = back
+    return jnp.stack([said.get(name, always) for name in BONE_NAMES])
+
+
+def rig_tree(lengths: Float[Array, "bones"]) -> KinematicTree:
+    """The puppet's rig with given bone lengths.
+
+    Args:
+        lengths: of the bones, in the order of `BONE_NAMES` [scene].
+
+    Returns:
+        KinematicTree of `puppet.RIG_JOINTS`.
+    Source: stop-motion document, 6.2 (figure 27), with the neck as a joint of its own.
+    """
+    rows = np.array([_RIG[name] for name in BONE_NAMES])
+    offsets = jnp.zeros((len(RIG_JOINTS), 3)).at[rows].set(bone_translations(jnp.array(_REST_DIRECTIONS), lengths))
+    return KinematicTree(offsets, RIG_JOINTS, rig_parents())
+
+
+def default_lengths() -> Float[Array, "bones"]:
+    """`puppet.DEFAULT_LENGTHS` in the order of `BONE_NAMES` [mm]."""
+    return jnp.array([puppet.DEFAULT_LENGTHS[name] for name in BONE_NAMES])
+
+
+def _root_position(points: Array, seen: Array, p_joint: Array) -> Vector3:
+    """The pelvis is on the turning axis; its height is that at which knees (else elbows) are level with their beads.
+
+    Source: stop-motion document, 3.1.3 (beads on knees and elbows) and 2 (pelvis on the axis).
+    """
+    joints = np.array([_RIG[f"{s}-{j}-joint"] for j in ("knee", "elbow") for s in "lr"])
+    beads = np.array([MARKERS.index(n) for n in ("leg.L2", "leg.R2", "arm.L2", "arm.R2")])
+    weight = seen[beads].astype(float) * jnp.where(jnp.any(seen[beads[:2]]), jnp.array([1.0, 1.0, 0.0, 0.0]), 1.0)
+    height = jnp.where(seen[beads], points[beads, 1] - p_joint[joints, 1], 0.0)
+    y = jnp.sum(weight * height) / jnp.maximum(jnp.sum(weight), 1.0)
+    return jnp.stack([jnp.zeros_like(y), y, jnp.zeros_like(y)])
+
+
+def skeleton_from_markers(
+    points: Float[Array, "markers 3"],
+    seen: Bool[Array, "markers"],
+    lengths: Float[Array, "bones"],
+    *,
+    literal: bool = False,
+    yaw: Scalar | None = None,
+    shoulder_line: Vector3 | None = None,
+) -> SkeletonPose:
+    """The document's skeleton of one set of beads.
+
+    Args:
+        points: beads in the order of `puppet.MARKERS`, in the world of the turntable [scene]; any finite numbers
+            where not seen.
+        seen: which beads there are.
+        lengths: of the bones, in the order of `BONE_NAMES` [scene].
+        literal: feet and shoulders exactly as printed; not valid, and in line with their parents, where the print has
+            no value.
+        yaw: how far the puppet is turned about y from facing the camera at angle 0 [rad]; None: not at all, unless
+            its beads say that it is turned by more than 45 degrees. Not looked at in the literal mode.
+        shoulder_line: direction from the right to the left shoulder, where further beads tell it (the document's 8.2);
+            it then twists the torso in place of 6.5-6.6.
+
+    Returns:
+        SkeletonPose; `rotvec` through the rig of these lengths gives back exactly `directions`.
+
+    Raises:
+        InputError: for arrays of other sizes.
+    Source: stop-motion document, eq. 6.1-6.6.
+    """
+    if points.shape != (len(MARKERS), 3) or lengths.shape != (len(BONE_NAMES),):
+        raise InputError(
+            f"points, lengths: expected ({len(MARKERS)}, 3) and ({len(BONE_NAMES)},), "
+            f"got {points.shape} and {lengths.shape}"
+        )
+    given, with_beads = bone_directions(points, seen)
+    if literal:
+        turn = jnp.zeros(())
+    elif yaw is None:
+        measured, known = facing(points, seen)
+        turn = jnp.where(known & (jnp.abs(measured) > _TURNED_AWAY), measured, 0.0)
+    else:
+        turn = yaw
+    frames = _pose_frames(given, with_beads, _turn_about_y(turn), literal, shoulder_line)
+    R = _world_rotations(frames)
+    directions = world_directions(R)
+    p_joint = jnp.array(_BONES_TO_JOINT) @ bone_translations(directions, lengths)
+    root = _root_position(points, seen, p_joint)
+    return SkeletonPose(local_rotations(R), root, directions, _valid_bones(with_beads, literal, frames))
+
+
+def motion_from_poses(poses: SkeletonPose, lengths: np.ndarray, unit: str, fps: float = 25.0) -> SkeletonMotion:
+    """Poses stacked over frames as the record that exporters take.
+
+    Args:
+        poses: with a leading axis of frames.
+        lengths: of the bones, in the order of `BONE_NAMES`.
+        unit: of lengths and positions.
+        fps: frames per second.
+
+    Returns:
+        SkeletonMotion.
+
+    Raises:
+        InputError: as SkeletonMotion.
+    Source: stop-motion document, 6.3, with rotations.
+    """
+    offsets = np.asarray(rig_tree(jnp.asarray(lengths)).offsets)
+    return SkeletonMotion(
+        RIG_JOINTS, rig_parents(), offsets, np.asarray(poses.rotvec), np.asarray(poses.root), unit, fps
+    )
