@@ -73,6 +73,9 @@ def _use_jax() -> None:
             return
     except OSError:
         return  # no cache: slower, nothing else
+    from jaxmocap import _programs
+
+    _programs.keep_in(folder / "programs")
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

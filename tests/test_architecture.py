@@ -14,7 +14,7 @@ PACKAGE = ROOT / "jaxmocap"
 
 # Lowest first. A name may import names of lower layers and those BEFORE it in its own layer.
 LAYERS: tuple[tuple[str, ...], ...] = (
-    ("_errors", "_arrays", "results", "observations", "assets"),
+    ("_errors", "_arrays", "_programs", "results", "observations", "assets"),
     ("geometry", "optim", "filtering"),
     ("cameras", "bodies"),
     ("vision", "reconstruction"),

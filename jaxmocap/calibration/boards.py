@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import require_x64
 from jaxmocap._errors import InputError
+from jaxmocap._programs import program
 from jaxmocap.cameras import BrownDistortion, Intrinsics, pixel_of_point
 from jaxmocap.geometry import Pose
 from jaxmocap.observations import PixelObservations
@@ -130,7 +131,7 @@ def parameter_names(free: ArrowVariables) -> tuple[tuple[int, str], ...]:
     return tuple(names)
 
 
-@jax.jit
+@program
 def _prepare(poses: Pose, visible: Bool[Array, "views cameras points"]) -> tuple[Pose, Array, Array]:
     """Poses with short rotation vectors, number of points seen, and which views count: one compilation, not ten."""
     return (

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxmocap._programs import program
 from jaxmocap.calibration.boards import RigParameters, TargetViews, residual_pixels
 from jaxmocap.geometry import Pose, rotation
 from jaxmocap.optim import ArrowVariables
@@ -32,7 +33,7 @@ class RigDescription(NamedTuple):
     """(cameras,) ideal normalised radius at which the lens folds back; infinite where it never does."""
 
 
-@jax.jit
+@program
 def _describe(value: ArrowVariables, views: TargetViews) -> tuple[jax.Array, ...]:
     """The fields of RigDescription, in its order."""
     rig: RigParameters = value.shared

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from jaxmocap.optim.linearise import ArrowData, ArrowProblem, NormalEquations, cost, linearise
+from jaxmocap.optim.linearise import ArrowData, ArrowProblem, NormalEquations, cost, linearise, no_normal_equations
 from jaxmocap.optim.packing import ArrowVariables, Flat, Layout, unflatten_last
 from jaxmocap.optim.schur import damped_step
 
@@ -122,13 +122,9 @@ class ArrowLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> SolverState:
         """State before the first linearisation."""
         del fn, options, f_struct, aux_struct, tags
-        base, data = args
-        info = jax.eval_shape(
-            lambda: ArrowInfo(linearise(self.problem, self.layout, y, base, data), jnp.zeros((), y.shared.dtype))
-        )
         nan = jnp.full((self.history,), jnp.nan, y.shared.dtype)
         return SolverState(
-            descent=self.descent.init(y, info),
+            descent=self.descent.init(y, ArrowInfo(no_normal_equations(y), jnp.zeros((), y.shared.dtype))),
             cost=self._cost(y, args),
             damping=jnp.asarray(_FIRST_DAMPING, y.shared.dtype),
             growth=jnp.asarray(2.0, y.shared.dtype),

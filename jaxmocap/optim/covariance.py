@@ -22,6 +22,7 @@ from jaxmocap.optim.linearise import (
     NormalEquations,
     block_jacobians,
     chunk_size,
+    residuals,
     split_chunks,
 )
 from jaxmocap.optim.packing import ArrowVariables, Flat, Layout, unflatten_last
@@ -121,7 +122,9 @@ def _leave_one_out(
     """
     full = unflatten_last(layout, y, base)
     blocks, ns = y.local.shape[1], layout.shared_size
-    size = chunk_size(ns + layout.local_size, max(ns, 16), blocks)
+    # The solver's chunks, so that its trace of the block Jacobian serves here too.
+    rows = jax.eval_shape(lambda: residuals(problem, full, data)).shape[0]
+    size = chunk_size(ns + layout.local_size, rows, blocks)
     chunks = split_chunks((full.local, data.blocks, data.weight, T), size)
     weight = jnp.where(np.arange(chunks[2].size).reshape(chunks[2].shape) < blocks, chunks[2], 0.0)
 

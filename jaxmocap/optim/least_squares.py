@@ -11,6 +11,7 @@ import optimistix as optx
 from jaxtyping import Array, Float, PyTree
 
 from jaxmocap._errors import InputError
+from jaxmocap._programs import program
 from jaxmocap.optim import arrow_solver
 from jaxmocap.optim.arrow_solver import ArrowDescent, ArrowLevenbergMarquardt
 from jaxmocap.optim.covariance import arrow_covariance
@@ -52,7 +53,7 @@ def _result_code(status: Array, determined: Array, freedom: Array) -> RESULTS:
     return RESULTS.where(status == S.NOT_FINITE, RESULTS.not_finite_at_start, code)
 
 
-@eqx.filter_jit
+@program
 def _solve(
     problem: ArrowProblem,
     layout: Layout,
@@ -119,7 +120,7 @@ def _pad_blocks(tree: PyTree, extra: int) -> PyTree:
     return jax.tree.map(lambda x: jnp.concatenate([x, jnp.repeat(jnp.asarray(x)[-1:], extra, axis=0)]), tree)
 
 
-@eqx.filter_jit
+@program
 def _arrange(
     y0: ArrowVariables, data: PyTree, common: PyTree, one: Float[Array, "blocks"], extra: int
 ) -> tuple[ArrowVariables, ArrowData]:

@@ -10,6 +10,7 @@ there, and the memory is that of the products.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -79,6 +80,13 @@ def cost(problem: ArrowProblem, y: ArrowVariables, data: ArrowData) -> Float[Arr
     return 0.5 * (jnp.sum(r * r) + jnp.sum(q * q))
 
 
+def no_normal_equations(y: Flat) -> NormalEquations:
+    """Zeros in the shape of the normal equations at y."""
+    (ns,), (nl, blocks) = y.shared.shape, y.local.shape
+    shapes = ((ns, ns), (nl, ns, blocks), (nl, nl, blocks), (ns,), (nl, blocks))
+    return NormalEquations(*(jnp.zeros(shape, y.shared.dtype) for shape in shapes))
+
+
 def _push_leaves(fn: Callable[[list[Array]], Array], leaves: list[Array], flags_of: Any, tail: int) -> list[Array]:
     """Derivatives of fn by each free scalar of each leaf, each leaf pushed alone; `tail` block axes stay whole."""
     columns = []
@@ -99,10 +107,14 @@ def _push_leaves(fn: Callable[[list[Array]], Array], leaves: list[Array], flags_
     return columns
 
 
+@partial(jax.jit, static_argnums=(0, 1), inline=True)
 def block_jacobians(
     problem: ArrowProblem, layout: Layout, y: ArrowVariables, data: ArrowData
 ) -> tuple[Float[Array, "rows blocks"], Float[Array, "ns rows blocks"], Float[Array, "nl rows blocks"]]:
-    """Residuals and their derivatives by the free shared and local numbers; block axes last."""
+    """Residuals and their derivatives by the free shared and local numbers; block axes last.
+
+    Compiled as a function of its own so that solver and covariance share one trace of it.
+    """
     shared, shared_def = jax.tree.flatten(y.shared)
     local, local_def = jax.tree.flatten(y.local)
 
@@ -236,9 +248,7 @@ def linearise(problem: ArrowProblem, layout: Layout, flat: Flat, base: ArrowVari
         ls, ll, g_l = put_chunk((total.ls, total.ll, total.g_l), (n.ls, n.ll, n.g_l), start)
         return NormalEquations(ss=total.ss + n.ss, ls=ls, ll=ll, g_s=total.g_s + n.g_s, g_l=g_l)
 
-    shapes = ((ns, ns), (nl, ns, blocks), (nl, nl, blocks), (ns,), (nl, blocks))
-    zero = NormalEquations(*(jnp.zeros(shape, flat.shared.dtype) for shape in shapes))
-    n = jax.lax.fori_loop(0, -(-blocks // size), body, zero)
+    n = jax.lax.fori_loop(0, -(-blocks // size), body, no_normal_equations(flat))
     if problem.prior is not None:
         shared, shared_def = jax.tree.flatten(y.shared)
         q = prior_residuals(problem, y.shared, data)

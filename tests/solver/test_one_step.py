@@ -51,5 +51,9 @@ def test_step_is_the_dense_step(both):
             continue  # without damping such a block has no factor; the solver never goes below 1e-15
         shared, local = reference.split(expected)
         limit = 1e-8 * np.abs(expected).max()
-        np.testing.assert_allclose(found.shared, shared, rtol=1e-8, atol=limit * 1e-3)
-        np.testing.assert_allclose(found.local, local, rtol=1e-8, atol=limit * 1e-3)
+        # Small components of a step lose digits to the large ones where the problem is ill conditioned and hardly
+        # damped (pinhole: condition 7.5e3, whose square times eps is 6e-9); elsewhere each has its own eight digits.
+        rtol = 1e-8 if damping >= 1e-4 else 0.0
+        atol = limit * 1e-3 if damping >= 1e-4 else limit
+        np.testing.assert_allclose(found.shared, shared, rtol=rtol, atol=atol)
+        np.testing.assert_allclose(found.local, local, rtol=rtol, atol=atol)
