@@ -35,8 +35,12 @@ R = TypeVar("R")
 _PACKAGE = Path(__file__).parent
 _STANDS_ON = ("jax", "jaxlib", "equinox", "optimistix", "lineax", "numpy")
 # XLA's newer emitters for fused loops take twice as long to compile and run no faster here (scripts/bench_bar.py:
-# 0.0606 and 0.0585 s at 2,500 blocks, first call 9.0 and 6.7 s).
-_QUICK_TO_COMPILE = {"xla_cpu_use_fusion_emitters": False}
+# 0.0606 s with and 0.0585 s without at 2,500 blocks, first call 9.0 and 6.7 s).
+_QUICK_TO_COMPILE: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
+# A process that runs a program once is better off with plain code, unless the arrays are large: of 13 photographs
+# (0.1 MB) a whole calibration takes 19.5 s of processor time with optimised code and 13.2 s without.
+_RUN_ONCE: dict[str, Any] = {**_QUICK_TO_COMPILE, "xla_backend_optimization_level": 0}
+_LARGE_BYTES = 2**20
 
 _folder: Path | None = None
 
@@ -67,13 +71,17 @@ def _is_own(folder: Path) -> bool:
 
 
 @functools.cache
-def compiler_options() -> dict[str, Any] | None:
-    """Options under which programs compile quickly; None where this version of XLA does not know them."""
+def _known() -> bool:
+    """Whether this version of XLA knows the options above."""
     try:
-        jax.jit(lambda x: x, compiler_options=_QUICK_TO_COMPILE)(np.zeros(()))
+        jax.jit(lambda x: x, compiler_options=_RUN_ONCE)(np.zeros(()))
     except Exception:  # whatever an unknown option raises in this version
-        return None
-    return dict(_QUICK_TO_COMPILE)
+        return False
+    return True
+
+
+def _compile(fn: Callable[..., Any], options: dict[str, Any]) -> Callable[..., Any]:
+    return jax.jit(fn, compiler_options=options if _known() else None)
 
 
 @functools.cache
@@ -155,18 +163,23 @@ class Program(Generic[P, R]):
     def __init__(self, fn: Callable[P, R]):
         functools.update_wrapper(self, fn)
         self._fn = fn
-        self._jit = eqx.filter_jit(fn)
+        self._inner = eqx.filter_jit(fn)
+        self._outer: Callable[..., Any] | None = None
         self._ready: dict[str, tuple[Callable[..., Any], Any]] = {}
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """The function's value."""
+        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((args, kwargs))):
+            return self._inner(*args, **kwargs)  # options may only be given to the outermost program
+        if self._outer is None:
+            self._outer = eqx.filter_jit(self._fn, **({"compiler_options": _QUICK_TO_COMPILE} if _known() else {}))
         folder = _folder
-        if folder is None or kwargs or any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(args)):
-            return self._jit(*args, **kwargs)
+        if folder is None or kwargs:
+            return self._outer(*args, **kwargs)
         try:
             described = repr((_name(self._fn), _signature(args), _fingerprint()))
         except _Unnameable:
-            return self._jit(*args, **kwargs)
+            return self._outer(*args, **kwargs)
         key = hashlib.sha256(described.encode()).hexdigest()
         run, leaves, shape = _flat(self._fn, args)
         if key not in self._ready:
@@ -183,7 +196,8 @@ def _load(path: Path) -> tuple[Callable[..., Any], Any] | None:
         return None
     try:
         exported, out = pickle.loads(content)
-        return jax.jit(jax.export.deserialize(exported).call, compiler_options=compiler_options()), out
+        program = jax.export.deserialize(bytearray(exported))
+        return _compile(program.call, _options(program)), out
     except Exception:  # damaged: whatever the readers raise; it is made anew
         return None
 
@@ -196,7 +210,12 @@ def _store(path: Path, run: Callable[..., Any], leaves: list[Any], shape: list[A
         _write(path, pickle.dumps((bytes(exported.serialize()), out)))
     except (pickle.PicklingError, TypeError, AttributeError, ValueError):
         pass  # an output that cannot be written down: traced anew by every process
-    return jax.jit(exported.call, compiler_options=compiler_options()), out
+    return _compile(exported.call, _options(exported)), out
+
+
+def _options(exported: jax.export.Exported) -> dict[str, Any]:
+    size = sum(int(np.prod(x.shape)) * x.dtype.itemsize for x in exported.in_avals)
+    return _RUN_ONCE if size < _LARGE_BYTES else _QUICK_TO_COMPILE
 
 
 def program(fn: Callable[P, R]) -> Program[P, R]:
