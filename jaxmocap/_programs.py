@@ -172,7 +172,8 @@ class Program(Generic[P, R]):
         if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((args, kwargs))):
             return self._inner(*args, **kwargs)  # options may only be given to the outermost program
         if self._outer is None:
-            self._outer = eqx.filter_jit(self._fn, **({"compiler_options": _QUICK_TO_COMPILE} if _known() else {}))
+            options: Any = {"compiler_options": _QUICK_TO_COMPILE} if _known() else {}
+            self._outer = eqx.filter_jit(self._fn, **options)
         folder = _folder
         if folder is None or kwargs:
             return self._outer(*args, **kwargs)
