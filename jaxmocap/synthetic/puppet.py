@@ -1,8 +1,8 @@
 """Drawn photos of the puppet on its turntable, with the exact truth beside.
 
-`puppet_photo` draws one view, `puppet_take` a turn of one pose, `puppet_set` everything that a session needs:
-chessboards, the chessboard on the turntable, T-pose and other poses, and their truth in one record.
-Lengths in mm, angles in radians (degrees in the record, where the key says so), pixels as everywhere.
+`puppet_photo` draws one view, `puppet_take` a turn of one pose; `puppet_set.puppet_set` everything that a session
+needs: chessboards, the chessboard on the turntable, T-pose and other poses, and their truth in one record.
+Lengths in mm, angles in radians (degrees in that record, where the key says so), pixels as everywhere.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,11 @@ from jaxmocap.synthetic.puppet_render import (
     Look,
     add_specks,
     colour_of_bead,
+    decoded,
     develop,
     draw_solids,
+    jpeg_bytes,
     stage,
-    through_jpeg,
 )
 from jaxmocap.synthetic.puppet_truth import bead_truth
 
@@ -53,7 +54,9 @@ class PuppetPhoto:
     """One drawn photo."""
 
     rgb: Array
-    """(height, width, 3) uint8, after JPEG."""
+    """(height, width, 3) uint8, as read back from the file."""
+    file: bytes
+    """JPEG (PNG where the quality is 0)."""
     beads: dict[str, dict]
     """Truth by bead: see `puppet_truth.bead_truth`."""
     specks: list[dict]
@@ -92,8 +95,8 @@ def puppet_photo(studio: Studio, figure: Figure, angle: float, rng: np.random.Ge
     specks = add_specks(light, studio.look, rng)
     gloss = np.arange(len(solids.reach)) < len(BEAD_NAMES)
     draw_solids(light, studio.camera, solids, gloss, studio.look)
-    rgb = through_jpeg(develop(light, studio.look, rng), studio.look.jpeg_quality)
-    return PuppetPhoto(rgb, bead_truth(studio.camera, T, figure, solids), specks, T)
+    file = jpeg_bytes(develop(light, studio.look, rng), studio.look.jpeg_quality)
+    return PuppetPhoto(decoded(file), file, bead_truth(studio.camera, T, figure, solids), specks, T)
 
 
 def scene(studio: Studio, figure: Figure) -> Solids:
@@ -108,3 +111,12 @@ def puppet_take(
     """One photo per angle."""
     rng = np.random.default_rng(rng)
     return [puppet_photo(studio, figure, angle, rng) for angle in angles]
+
+
+def random_hsb(rng: np.random.Generator) -> Array:
+    """(16, 3) colours that can be told apart: hues in sixteen equal steps, in any order, in three kinds of paint."""
+    hue = (rng.permutation(16) + rng.uniform(-0.15, 0.15, 16)) / 16.0 % 1.0
+    kind = np.round(hue * 16.0).astype(int) % 3
+    saturation = np.array([0.30, 0.50, 0.70])[kind] + rng.uniform(-0.05, 0.05, 16)
+    brightness = np.array([0.80, 0.65, 0.72])[kind] + rng.uniform(-0.05, 0.05, 16)
+    return np.stack([hue, saturation, brightness], axis=1)

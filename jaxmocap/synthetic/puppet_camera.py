@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 Array = np.ndarray
+Number = np.ndarray | np.floating
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class PuppetCamera:
         return np.array([self.k1, self.k2, self.p1, self.p2, self.k3])
 
 
-def distort(camera: PuppetCamera, x: Array, y: Array) -> tuple[Array, Array]:
+def distort(camera: PuppetCamera, x: Number, y: Number) -> tuple[Number, Number]:
     """Normalised coordinates that the lens makes of ideal ones."""
     r2 = x * x + y * y
     radial = 1.0 + r2 * (camera.k1 + r2 * (camera.k2 + r2 * camera.k3))

@@ -116,6 +116,10 @@ class Solids:
         cut = np.concatenate([self.cut[:, :3] @ R.T, self.cut[:, 3:]], axis=1)
         return Solids(self.shape @ R.T, self.centre @ R.T + t, cut, self.colour, self.ends @ R.T + t, self.reach)
 
+    def chosen(self, index: Array) -> "Solids":
+        """Some of the solids."""
+        return Solids(*(getattr(self, k)[index] for k in Solids.__dataclass_fields__))
+
 
 def stack_solids(parts: list[Solids]) -> Solids:
     """Several collections as one."""
@@ -260,9 +264,9 @@ def random_proportions(rng: np.random.Generator, bead_radius: float = BEAD_RADIU
     return Proportions(length, float(rng.uniform(0.9, 1.15)), bead_radius)
 
 
-def _turn(x: float, y: float, z: float) -> Array:
+def _turn(angles: object) -> Array:
     """Rotation vector of turns about the fixed axes x, then y, then z [deg]."""
-    return Rotation.from_euler("xyz", [x, y, z], degrees=True).as_rotvec()
+    return Rotation.from_euler("xyz", angles, degrees=True).as_rotvec()
 
 
 def limb_pose(shoulders: list, elbows: list, hips: list, knees: list, torso: object, head: object) -> dict[str, Array]:
@@ -279,12 +283,12 @@ def limb_pose(shoulders: list, elbows: list, hips: list, knees: list, torso: obj
     Returns:
         Rotation vector by bone [rad].
     """
-    pose = {"upper-back-joint": _turn(*torso), "head-joint": _turn(*head)}
+    pose = {"upper-back-joint": _turn(torso), "head-joint": _turn(head)}
     for k, side in enumerate(SIDES):
         arm, leg = _hinge(f"arm.{side.upper()}2"), _hinge(f"leg.{side.upper()}2")
-        pose[f"{side}-elbow-joint"] = _turn(*shoulders[k])
+        pose[f"{side}-elbow-joint"] = _turn(shoulders[k])
         pose[f"{side}-hand-joint"] = np.deg2rad(elbows[k]) * arm
-        pose[f"{side}-knee-joint"] = _turn(*hips[k])
+        pose[f"{side}-knee-joint"] = _turn(hips[k])
         pose[f"{side}-foot-joint"] = np.deg2rad(knees[k]) * leg * np.sign(leg[0])
     return pose
 

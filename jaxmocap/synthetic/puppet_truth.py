@@ -26,6 +26,16 @@ def first_hits(solids: Solids, rays: Array) -> Array:
     return np.where(hit, t * rays[:, 2], np.inf)
 
 
+def may_cover(solids: Solids, centre: Array, radius: float) -> Array:
+    """Indices of the solids of which some part may stand before a sphere, seen from the origin."""
+    middle = solids.ends.mean(axis=1)
+    far, away = np.linalg.norm(middle, axis=1), np.linalg.norm(centre)
+    reach = solids.reach + np.linalg.norm(solids.ends[:, 1] - solids.ends[:, 0], axis=1) / 2.0
+    apart = np.arccos(np.clip(middle @ centre / (far * away), -1.0, 1.0))
+    wide = np.arcsin(np.minimum(reach / far, 1.0)) + np.arcsin(min(radius / away, 1.0))
+    return np.flatnonzero((apart <= wide) & (far - reach <= away + radius))
+
+
 def outline(centre: Array, radius: float, turns: Array, part: Array | float = 1.0) -> Array:
     """Rays (n, 3) over the disc that a sphere shows the camera.
 
@@ -75,15 +85,15 @@ def bead_truth(camera: PuppetCamera, T_camera_world: Array, figure: Figure, soli
     k = np.arange(_RAYS) + 0.5
     turns, part = k * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(k / _RAYS)
     ring = np.linspace(0.0, 2.0 * np.pi, _OUTLINE, endpoint=False)
-    rays = np.concatenate([outline(c, figure.bead_radius, turns, part) for c in centres])
-    front = first_hits(solids, rays).argmin(axis=0).reshape(len(centres), _RAYS)
     truth = {}
     for i, (name, c) in enumerate(zip(BEAD_NAMES, centres)):
         rim = pixels(camera, outline(c, figure.bead_radius, ring))
         area, centroid = polygon_area_centroid(rim)
         low, high = rim.min(axis=0), rim.max(axis=0)
         size = np.array([camera.width, camera.height])
-        seen = float((front[i] == i).mean())
+        near = may_cover(solids, c, figure.bead_radius)
+        hits = first_hits(solids.chosen(near), outline(c, figure.bead_radius, turns, part))
+        seen = float((near[hits.argmin(axis=0)] == i).mean())
         truth[name] = {
             "centre_px": _rounded(pixels(camera, c)),
             "outline_centroid_px": _rounded(centroid),
