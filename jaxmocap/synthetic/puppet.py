@@ -10,8 +10,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxmocap.bodies.puppet import DOCUMENT_COLOURS, MARKERS
 from jaxmocap.synthetic.puppet_camera import Build, PuppetCamera
-from jaxmocap.synthetic.puppet_figure import BEAD_NAMES, Figure, Solids, sphere, stack_solids
+from jaxmocap.synthetic.puppet_figure import Figure, Solids, sphere, stack_solids
 from jaxmocap.synthetic.puppet_render import (
     Look,
     add_specks,
@@ -26,26 +27,7 @@ from jaxmocap.synthetic.puppet_truth import bead_truth
 
 Array = np.ndarray
 
-DOCUMENT_HSB = np.array(
-    [
-        [0.499, 0.176, 0.754],
-        [0.303, 0.611, 0.607],
-        [0.768, 0.329, 0.562],
-        [0.187, 0.633, 0.706],
-        [0.589, 0.234, 0.804],
-        [0.286, 0.251, 0.694],
-        [0.077, 0.715, 0.575],
-        [0.558, 0.605, 0.827],
-        [0.978, 0.265, 0.598],
-        [0.240, 0.619, 0.675],
-        [0.514, 0.540, 0.599],
-        [0.867, 0.387, 0.575],
-        [0.286, 0.505, 0.515],
-        [0.387, 0.667, 0.558],
-        [0.188, 0.237, 0.777],
-        [0.554, 0.431, 0.790],
-    ]
-)
+DOCUMENT_HSB = np.array([DOCUMENT_COLOURS[name] for name in MARKERS])
 TWELVE = tuple(float(a) for a in np.deg2rad(np.arange(0, 360, 30)))
 
 
@@ -93,7 +75,7 @@ def puppet_photo(studio: Studio, figure: Figure, angle: float, rng: np.random.Ge
     solids = scene(studio, figure).moved(T[:3, :3], T[:3, 3])
     light = np.repeat(stage(studio.camera, studio.look.lamp)[..., None], 3, axis=2)
     specks = add_specks(light, studio.look, rng)
-    gloss = np.arange(len(solids.reach)) < len(BEAD_NAMES)
+    gloss = np.arange(len(solids.reach)) < len(MARKERS)
     draw_solids(light, studio.camera, solids, gloss, studio.look)
     file = jpeg_bytes(develop(light, studio.look, rng), studio.look.jpeg_quality)
     return PuppetPhoto(decoded(file), file, bead_truth(studio.camera, T, figure, solids), specks, T)

@@ -53,16 +53,29 @@ def draw_board(light: Array, camera: PuppetCamera, T_camera_board: Array, board:
     p, q = p / w, q / w
     (low, _, _), (high_x, high_y, _) = board.rim()[0], board.rim()[2]
     on_board = (p > low) & (p < high_x) & (q > low) & (q < high_y) & (w > 0)
-    i, j = np.floor(p / board.square).astype(int), np.floor(q / board.square).astype(int)
-    inside = (i >= -1) & (i < board.columns) & (j >= -1) & (j < board.rows)
     front = R[:, 2] @ t > 0
-    value = np.where(inside & ((i + j) % 2 == 0), _BLACK, _WHITE) if front else np.full(p.shape, _BACK)
+    value = _pattern(p / board.square, q / board.square, board) if front else np.full(p.shape, _BACK)
     shaded = np.where(on_board, value * _falloff(x, y, w, R, t, board, look), 0.0).astype(np.float32)
     rows, cover = (sum(a[k::n] for k in range(n)) for a in (shaded, on_board.astype(np.float32)))
     bright, cover = (sum(a[:, k::n] for k in range(n)) / (n * n) for a in (rows, cover))
     box = light[v0:v1, u0:u1]
     box *= 1.0 - cover[..., None]
     box += bright[..., None]
+
+
+def _pattern(p: Array, q: Array, board: Board) -> Array:
+    """White and black at coordinates in squares, edges softened by the width of a sub-pixel.
+
+    Without that, corners found in pictures of 2x2 sub-pixels are 0.12 px off (median), with it 0.05 px.
+    """
+    signs, inside = [], []
+    for f, size in ((p, board.columns), (q, board.rows)):
+        step = np.hypot(*np.gradient(f))  # squares per sub-pixel
+        line = np.rint(f)
+        signs.append((1.0 - 2.0 * (line % 2)) * np.clip(2.0 * (f - line) / step, -1.0, 1.0))
+        inside.append(np.clip(np.minimum(f + 1.0, size - f) / step + 0.5, 0.0, 1.0))
+    dark = inside[0] * inside[1] * (1.0 + signs[0] * signs[1]) / 2.0
+    return _WHITE + (_BLACK - _WHITE) * dark
 
 
 def _falloff(x: Array, y: Array, w: Array, R: Array, t: Array, board: Board, look: Look) -> Array:

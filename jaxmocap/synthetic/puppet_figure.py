@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jaxmocap.bodies.puppet import MARKERS, PARENTS
+
 Array = np.ndarray
 
 ROOT_HEIGHT = 106.0
@@ -19,67 +21,53 @@ SIDES = ("l", "r")
 BODY_COLOUR = 0.027  # linear reflectance of matt black paint
 METAL_COLOUR = 0.05
 
-# bone: (parent, end minus start in the T-pose); the left side, mirrored for the right.
-_MIDDLE = {
-    "lower-back-joint": ("root-joint", (0.0, 16.0, 0.0)),
-    "upper-back-joint": ("lower-back-joint", (0.0, 38.0, 0.0)),
-    "head-joint": ("upper-back-joint", (0.0, 45.0, 0.0)),
+_REST = {  # end of a bone minus its start in the T-pose, left side
+    "lower-back-joint": (0.0, 16.0, 0.0),
+    "upper-back-joint": (0.0, 38.0, 0.0),
+    "head-joint": (0.0, 45.0, 0.0),
+    "hip-joint": (11.5, -8.0, 0.0),
+    "knee-joint": (1.35, -44.98, 0.0),
+    "foot-joint": (1.29, -42.98, 0.0),
+    "toes-joint": (0.0, 0.0, 18.0),
+    "shoulder-joint": (22.0, 0.0, 0.0),
+    "elbow-joint": (34.0, 0.0, 0.0),
+    "hand-joint": (32.0, 0.0, 0.0),
+    "finger-joint": (20.0, 0.0, 0.0),
 }
-_LEFT = {
-    "hip-joint": ("root-joint", (11.5, -8.0, 0.0)),
-    "knee-joint": ("hip-joint", (1.35, -44.98, 0.0)),
-    "foot-joint": ("knee-joint", (1.29, -42.98, 0.0)),
-    "toes-joint": ("foot-joint", (0.0, 0.0, 18.0)),
-    "shoulder-joint": ("upper-back-joint", (22.0, 0.0, 0.0)),
-    "elbow-joint": ("shoulder-joint", (34.0, 0.0, 0.0)),
-    "hand-joint": ("elbow-joint", (32.0, 0.0, 0.0)),
-    "finger-joint": ("hand-joint", (20.0, 0.0, 0.0)),
-}
-ARM_SIDE = np.array([0.0, 0.196, 0.981])  # from the limb's middle line to its beads, left side
-LEG_SIDE = np.array([0.969, 0.029, 0.243])
+_FRONT, _ARM_SIDE, _LEG_SIDE = (0.0, 0.0, 1.0), (0.0, 0.196, 0.981), (0.969, 0.029, 0.243)
 # bead: (bone, part of the bone's length from its start, direction of the bead, distance of the limb's surface)
-_BEADS_MIDDLE = {
-    "head.1": ("head-joint", 0.789, (0.0, 0.0, 1.0), 11.2),
-    "head.2": ("head-joint", 0.411, (0.0, 0.0, 1.0), 11.2),
-    "torso.1": ("upper-back-joint", 0.816, (0.0, 0.0, 1.0), 12.0),
-    "torso.2": ("upper-back-joint", 0.211, (0.0, 0.0, 1.0), 12.0),
-}
-_BEADS_LEFT = {
-    "arm.L1": ("elbow-joint", 0.176, ARM_SIDE, 4.2),
-    "arm.L2": ("elbow-joint", 1.0, ARM_SIDE, 4.2),
-    "arm.L3": ("hand-joint", 0.9375, ARM_SIDE, 4.2),
-    "leg.L1": ("knee-joint", 0.1556, LEG_SIDE, 5.9),
-    "leg.L2": ("knee-joint", 1.0, LEG_SIDE, 5.9),
-    "leg.L3": ("foot-joint", 0.930, LEG_SIDE, 5.9),
+_BEADS = {
+    "head.1": ("head-joint", 0.789, _FRONT, 11.2),
+    "head.2": ("head-joint", 0.411, _FRONT, 11.2),
+    "torso.1": ("upper-back-joint", 0.816, _FRONT, 12.0),
+    "torso.2": ("upper-back-joint", 0.211, _FRONT, 12.0),
+    "arm.1": ("elbow-joint", 0.176, _ARM_SIDE, 4.2),
+    "arm.2": ("elbow-joint", 1.0, _ARM_SIDE, 4.2),
+    "arm.3": ("hand-joint", 0.9375, _ARM_SIDE, 4.2),
+    "leg.1": ("knee-joint", 0.1556, _LEG_SIDE, 5.9),
+    "leg.2": ("knee-joint", 1.0, _LEG_SIDE, 5.9),
+    "leg.3": ("foot-joint", 0.930, _LEG_SIDE, 5.9),
 }
 
 
-def _mirrored(v: object, side: str) -> Array:
-    return np.asarray(v, dtype=float) * ([1.0, 1.0, 1.0] if side == "l" else [-1.0, 1.0, 1.0])
+def _mirrored(v: tuple[float, float, float], side: str) -> Array:
+    return np.array(v) * ([-1.0, 1.0, 1.0] if side == "r" else [1.0, 1.0, 1.0])
 
 
-def _bones() -> dict[str, tuple[str, Array]]:
-    bones = {name: (parent, np.array(v)) for name, (parent, v) in _MIDDLE.items()}
-    for side in SIDES:
-        for name, (parent, v) in _LEFT.items():
-            at_trunk = parent in ("root-joint", "upper-back-joint")
-            bones[f"{side}-{name}"] = (parent if at_trunk else f"{side}-{parent}", _mirrored(v, side))
-    return bones
+def _bead(name: str) -> tuple[str, float, Array, float]:
+    """The row of a bead; arm.L1 from that of arm.1 for the left side."""
+    limb, number = name.split(".")
+    side = number[0].lower() if number[0] in "LR" else ""
+    bone, part, towards, surface = _BEADS[f"{limb}.{number[-1]}"]
+    return (f"{side}-{bone}" if side else bone), part, _mirrored(towards, side), surface
 
 
-def _beads() -> dict[str, tuple[str, float, Array, float]]:
-    beads = {name: (bone, part, np.array(v), r) for name, (bone, part, v, r) in _BEADS_MIDDLE.items()}
-    for limb in ("arm", "leg"):
-        for side in SIDES:
-            for name, (bone, part, v, r) in _BEADS_LEFT.items():
-                if name.startswith(limb):
-                    beads[name.replace("L", side.upper())] = (f"{side}-{bone}", part, _mirrored(v, side), r)
-    return beads
-
-
-BONE_TABLE = _bones()
-BEAD_TABLE = _beads()
-BEAD_NAMES = tuple(BEAD_TABLE)
+BONE_TABLE = {
+    bone: (parent, _mirrored(_REST[bone.removeprefix("l-").removeprefix("r-")], bone[0]))
+    for bone, parent in PARENTS.items()
+    if parent is not None
+}
+BEAD_TABLE = {name: _bead(name) for name in MARKERS}
 
 
 @dataclass(frozen=True)
@@ -172,7 +160,7 @@ class Figure:
     orientations: dict[str, Array]
     """R_world_bone of every bone."""
     beads: Array
-    """(16, 3) bead centres, in the order of BEAD_NAMES [mm]."""
+    """(16, 3) bead centres, in the order of MARKERS [mm]."""
     body: Solids
     """Everything but the beads."""
     bead_radius: float
@@ -258,9 +246,8 @@ def _body(joints: dict[str, Array], R: dict[str, Array], girth: float) -> Solids
 
 def random_proportions(rng: np.random.Generator, bead_radius: float = BEAD_RADIUS) -> Proportions:
     """Another figure: bones up to 12 % longer or shorter, left as right."""
-    length = {name: float(f) for name, f in zip(_MIDDLE, rng.uniform(0.88, 1.12, len(_MIDDLE)))}
-    for name, f in zip(_LEFT, rng.uniform(0.88, 1.12, len(_LEFT))):
-        length |= {f"{side}-{name}": float(f) for side in SIDES}
+    factor = dict(zip(_REST, rng.uniform(0.88, 1.12, len(_REST))))
+    length = {bone: float(factor[bone.removeprefix("l-").removeprefix("r-")]) for bone in BONE_TABLE}
     return Proportions(length, float(rng.uniform(0.9, 1.15)), bead_radius)
 
 
@@ -313,7 +300,7 @@ def random_pose(rng: np.random.Generator, proportions: Proportions | None = None
     """A pose in which no two beads touch and no bead is inside the body (rotation vectors by bone)."""
     for _ in range(100):
         pose = limb_pose(
-            [[0, rng.uniform(-35, 25), rng.uniform(-75, 55)], [0, rng.uniform(-25, 35), rng.uniform(-55, 75)]],
+            [[0, rng.uniform(-35, 25), rng.uniform(-75, 20)], [0, rng.uniform(-25, 35), rng.uniform(-20, 75)]],
             [rng.uniform(-30, 100), rng.uniform(-100, 30)],
             [[rng.uniform(-50, 30), 0, rng.uniform(-3, 20)], [rng.uniform(-50, 30), 0, rng.uniform(-20, 3)]],
             [rng.uniform(0, 70), rng.uniform(0, 70)],
@@ -321,7 +308,7 @@ def random_pose(rng: np.random.Generator, proportions: Proportions | None = None
             rng.uniform(-14, 14, 3),
         )
         figure = pose_figure(pose, proportions)
-        apart = np.linalg.norm(figure.beads[:, None] - figure.beads[None], axis=2) + 1e3 * np.eye(len(BEAD_NAMES))
+        apart = np.linalg.norm(figure.beads[:, None] - figure.beads[None], axis=2) + 1e3 * np.eye(len(MARKERS))
         if apart.min() > 2.2 * figure.bead_radius and not buried(figure).any():
             return pose
     return pose

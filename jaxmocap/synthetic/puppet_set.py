@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from jaxmocap.bodies.puppet import BONES, MARKERS, PARENTS
 from jaxmocap.synthetic.puppet import (
     DOCUMENT_HSB,
     TWELVE,
@@ -15,7 +16,6 @@ from jaxmocap.synthetic.puppet import (
 )
 from jaxmocap.synthetic.puppet_boards import Board, board_truth, draw_board, random_board_pose, standing_board
 from jaxmocap.synthetic.puppet_figure import (
-    BEAD_NAMES,
     BONE_TABLE,
     POSES,
     Figure,
@@ -26,15 +26,7 @@ from jaxmocap.synthetic.puppet_render import develop, jpeg_bytes, stage
 
 Array = np.ndarray
 
-BONE_BEADS = {
-    "head-joint": ("head.2", "head.1"),
-    "upper-back-joint": ("torso.2", "torso.1"),
-    **{
-        f"{side}-{joint}-joint": (f"{limb}.{side.upper()}{k}", f"{limb}.{side.upper()}{k + 1}")
-        for side in ("l", "r")
-        for limb, joint, k in (("arm", "elbow", 1), ("arm", "hand", 2), ("leg", "knee", 1), ("leg", "foot", 2))
-    },
-}
+BONE_BEADS = {bone.name: (bone.m1, bone.m2) for bone in BONES}
 
 
 @dataclass(frozen=True)
@@ -84,6 +76,8 @@ def puppet_set(session: Session, seed: int = 0) -> PuppetSet:
     turn = truth["turntable_chessboard"]["photos"]
     truth["turntable"] |= {key: [photo[key] for photo in turn] for key in ("actual_deg", "world_to_camera")}
     truth["poses"] = {name: _take(name, session, files, rng) for name in session.poses}
+    if "tpose" in session.poses:
+        truth["beads"]["tpose_measured_hsb"] = truth["poses"]["tpose"]["measured_hsb"]
     return PuppetSet(files, truth)
 
 
@@ -111,13 +105,13 @@ def _common_truth(session: Session) -> dict:
         "white_balance_gain_rgb": list(look.light),
         "jpeg_quality": look.jpeg_quality,
         "beads": {
-            "names": list(BEAD_NAMES),
+            "names": list(MARKERS),
             "diameter": 2.0 * session.proportions.bead_radius,
-            "hsb_table": dict(zip(BEAD_NAMES, DOCUMENT_HSB.tolist())),
-            "hsb_in_white_light": dict(zip(BEAD_NAMES, np.asarray(session.studio.hsb).tolist())),
+            "hsb_table": dict(zip(MARKERS, DOCUMENT_HSB.tolist())),
+            "hsb_in_white_light": dict(zip(MARKERS, np.asarray(session.studio.hsb).tolist())),
         },
-        "bone_markers": {bone: list(pair) for bone, pair in BONE_BEADS.items()},
-        "bone_parent": {bone: parent for bone, (parent, _) in BONE_TABLE.items()},
+        "bone_markers": {bone: dict(zip(("m1", "m2"), pair)) for bone, pair in BONE_BEADS.items()},
+        "bone_parent": dict(PARENTS),
         "turntable": {
             "nominal_deg": [_degrees(a) for a in session.angles],
             "axis_point_camera": point.tolist(),
@@ -189,14 +183,14 @@ def figure_truth(figure: Figure) -> dict:
     return {
         "joints": {name: p.tolist() for name, p in figure.joints.items()},
         "bones": bones,
-        "beads_world": dict(zip(BEAD_NAMES, figure.beads.tolist())),
+        "beads_world": dict(zip(MARKERS, figure.beads.tolist())),
     }
 
 
 def measured_hsb(photos: list[PuppetPhoto]) -> dict[str, list[float]]:
     """Mean hue (circular), saturation and brightness of 5x5 pixels over the photos that show a bead whole."""
     found = {}
-    for name in BEAD_NAMES:
+    for name in MARKERS:
         seen = []
         for photo in photos:
             bead = photo.beads[name]

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from jaxmocap.bodies.puppet import MARKERS
 from jaxmocap.synthetic.puppet_camera import PuppetCamera, pixels
-from jaxmocap.synthetic.puppet_figure import BEAD_NAMES, Figure, Solids
+from jaxmocap.synthetic.puppet_figure import Figure, Solids
 
 Array = np.ndarray
 
@@ -86,7 +87,7 @@ def bead_truth(camera: PuppetCamera, T_camera_world: Array, figure: Figure, soli
     turns, part = k * np.pi * (3.0 - np.sqrt(5.0)), np.sqrt(k / _RAYS)
     ring = np.linspace(0.0, 2.0 * np.pi, _OUTLINE, endpoint=False)
     truth = {}
-    for i, (name, c) in enumerate(zip(BEAD_NAMES, centres)):
+    for i, (name, c) in enumerate(zip(MARKERS, centres)):
         rim = pixels(camera, outline(c, figure.bead_radius, ring))
         area, centroid = polygon_area_centroid(rim)
         low, high = rim.min(axis=0), rim.max(axis=0)
