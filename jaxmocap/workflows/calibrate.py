@@ -9,12 +9,13 @@ import numpy as np
 
 from jaxmocap._arrays import require_x64
 from jaxmocap._errors import InputError
-from jaxmocap.calibration.boards import MODELS, DistortionModel, chessboard_points
+from jaxmocap.calibration.boards import MODELS, DistortionModel
 from jaxmocap.io import hash_files, read_correspondences
 from jaxmocap.vision import BoardDetections, consistent_order, detect_boards, expand_photos, read_photo
+from jaxmocap.workflows.board import parse_board
 from jaxmocap.workflows.calibration_result import CalibrationResult, Settings
 from jaxmocap.workflows.target_solve import SolvedTargets, make_views, solve_targets
-from jaxmocap.workflows.units import parse_length, parse_pair, parse_sizes
+from jaxmocap.workflows.units import parse_length, parse_sizes
 
 Progress = Callable[[int, int], None]
 Photos = str | Path | Sequence[str | Path]
@@ -34,7 +35,7 @@ def _not_found(detected: BoardDetections) -> tuple[tuple[str, str], ...]:
     return tuple((name, "the whole board was not found") for name, ok in zip(detected.names, detected.found) if not ok)
 
 
-def _poseless(solved: SolvedTargets, names: list[tuple[str | None, ...]]) -> tuple[tuple[str, str], ...]:
+def _poseless(solved: SolvedTargets, names: Sequence[tuple[str | None, ...]]) -> tuple[tuple[str, str], ...]:
     reason = "fewer than 4 points, or all on a line: the target has no pose"
     return tuple((names[v][k] or f"view {v}", reason) for v, k in solved.dropped)
 
@@ -81,45 +82,61 @@ def calibrate_chessboard(
     """
     require_x64("A calibration")
     model = _check_model(distortion)
-    columns, rows = parse_pair(board, "--board", "9x6")
-    side, unit = parse_length(square, "--square")
-    target = chessboard_points(columns, rows, side)
+    target = parse_board(board, square)
     files = _listed(photos)
-    detected = detect_boards(files, (columns, rows), progress=progress)
+    detected = detect_boards(files, target.corners, progress=progress)
     keep = np.flatnonzero(detected.found)
-    views = make_views(
-        np.tile(target, (len(keep), 1, 1)), detected.uv[keep][:, None], np.ones((len(keep), 1, len(target)), bool)
-    )
+    seen = np.ones((len(keep), 1, len(target.points)), bool)
+    views = make_views(np.tile(target.points, (len(keep), 1, 1)), detected.uv[keep][:, None], seen)
     sizes = [detected.image_size]
     solved = solve_targets(views, [name], sizes, distortion=model, skew=skew, robust=robust)
     names: list[tuple[str | None, ...]] = [(detected.names[i],) for i in keep]
-    paths = [{p.name: p for p in expand_photos(files)}]
-    return CalibrationResult(
-        estimate=solved.estimate,
-        views=solved.views,
-        free=solved.free,
-        frozen=solved.frozen,
-        cameras=(name,),
-        image_sizes=tuple(sizes),
-        view_names=tuple(names),
-        settings=Settings(
+    return _result(
+        solved,
+        [name],
+        sizes,
+        names,
+        Settings(
             command=command,
-            unit=unit,
-            board=f"{columns}x{rows} inner corners, squares of {_spoken(side, unit)}",
-            square=side,
+            unit=target.unit,
+            board=target.spoken,
+            square=target.square,
             distortion=distortion,
             skew=skew,
             robust=robust,
             inputs=dict(zip(detected.names, detected.sha256)),
         ),
-        skipped=_not_found(detected) + _poseless(solved, names),
-        notes=tuple(detected.warnings),
-        load_grey=_loader(paths, names),
+        skipped=_not_found(detected),
+        notes=detected.warnings,
+        load_grey=_loader([{p.name: p for p in expand_photos(files)}], names),
     )
 
 
-def _spoken(length: float, unit: str) -> str:
-    return f"{length:g}" if unit == "1" else f"{length:g} {unit}"
+def _result(
+    solved: SolvedTargets,
+    cameras: Sequence[str],
+    sizes: Sequence[tuple[int, int]],
+    view_names: Sequence[tuple[str | None, ...]],
+    settings: Settings,
+    *,
+    skipped: Sequence[tuple[str, str]] = (),
+    notes: Sequence[str] = (),
+    load_grey: Callable[[int, int], np.ndarray] | None = None,
+) -> CalibrationResult:
+    """What was solved, with what is known of where it came from."""
+    return CalibrationResult(
+        estimate=solved.estimate,
+        views=solved.views,
+        free=solved.free,
+        frozen=solved.frozen,
+        cameras=tuple(cameras),
+        image_sizes=tuple(sizes),
+        view_names=tuple(view_names),
+        settings=settings,
+        skipped=(*skipped, *_poseless(solved, view_names)),
+        notes=tuple(notes),
+        load_grey=load_grey,
+    )
 
 
 def _number(name: str) -> int | None:
@@ -196,11 +213,9 @@ def calibrate_stereo(
     """
     require_x64("A calibration")
     model = _check_model(distortion)
-    columns, rows = parse_pair(board, "--board", "9x6")
-    side, unit = parse_length(square, "--square")
-    target = chessboard_points(columns, rows, side)
+    target = parse_board(board, square)
     files = [_listed(left), _listed(right)]
-    seen = [detect_boards(f, (columns, rows), progress=progress) for f in files]
+    seen = [detect_boards(f, target.corners, progress=progress) for f in files]
     both = set(seen[0].sha256) & set(seen[1].sha256)
     if both:
         twice = [n for n, h in zip(seen[0].names, seen[0].sha256) if h in both]
@@ -213,36 +228,30 @@ def calibrate_stereo(
     uv = np.stack([np.stack([seen[0].uv[i], seen[1].uv[j]]) for i, j in rows_of])
     found = np.stack([np.array([seen[0].found[i], seen[1].found[j]]) for i, j in rows_of])
     for v in np.flatnonzero(found.all(axis=1)):
-        uv[v, 1] = consistent_order(uv[v, 0], uv[v, 1], (columns, rows))
-    visible = np.repeat(found[:, :, None], len(target), axis=2)
-    views = make_views(np.tile(target, (len(uv), 1, 1)), uv, visible)
+        uv[v, 1] = consistent_order(uv[v, 0], uv[v, 1], target.corners)
+    visible = np.repeat(found[:, :, None], len(target.points), axis=2)
+    views = make_views(np.tile(target.points, (len(uv), 1, 1)), uv, visible)
     sizes = [d.image_size for d in seen]
     solved = solve_targets(views, list(names), sizes, distortion=model, skew=skew, robust=robust)
     inputs = {f"{camera}/{n}": h for camera, d in zip(names, seen) for n, h in zip(d.names, d.sha256)}
     paths = [{p.name: p for p in expand_photos(f)} for f in files]
-    return CalibrationResult(
-        estimate=solved.estimate,
-        views=solved.views,
-        free=solved.free,
-        frozen=solved.frozen,
-        cameras=tuple(names),
-        image_sizes=tuple(sizes),
-        view_names=tuple(view_names),
-        settings=Settings(
+    return _result(
+        solved,
+        names,
+        sizes,
+        view_names,
+        Settings(
             command=command,
-            unit=unit,
-            board=f"{columns}x{rows} inner corners, squares of {_spoken(side, unit)}",
-            square=side,
+            unit=target.unit,
+            board=target.spoken,
+            square=target.square,
             distortion=distortion,
             skew=skew,
             robust=robust,
             inputs=inputs,
         ),
-        skipped=_not_found(seen[0])
-        + _not_found(seen[1])
-        + tuple((n, "it has no partner") for n in lone)
-        + _poseless(solved, view_names),
-        notes=tuple(seen[0].warnings) + tuple(seen[1].warnings),
+        skipped=[*_not_found(seen[0]), *_not_found(seen[1]), *((n, "it has no partner") for n in lone)],
+        notes=[*seen[0].warnings, *seen[1].warnings],
         load_grey=_loader(paths, view_names),
     )
 
@@ -288,25 +297,15 @@ def calibrate_points(
     points, uv, visible, sigma = _by_view(table.view, table.camera, table.xyz, table.uv, table.sigma, cameras)
     views = make_views(points, uv, visible, sigma)
     solved = solve_targets(views, cameras, sizes, distortion=model, skew=skew, robust=robust)
-    return CalibrationResult(
-        estimate=solved.estimate,
-        views=solved.views,
-        free=solved.free,
-        frozen=solved.frozen,
-        cameras=tuple(cameras),
-        image_sizes=tuple(sizes),
-        view_names=tuple(names),
-        settings=Settings(
-            command=command,
-            unit=unit,
-            distortion=distortion,
-            skew=skew,
-            robust=robust,
-            inputs=hash_files([correspondences]),
-        ),
-        skipped=_poseless(solved, names),
-        notes=tuple(notes),
+    settings = Settings(
+        command=command,
+        unit=unit,
+        distortion=distortion,
+        skew=skew,
+        robust=robust,
+        inputs=hash_files([correspondences]),
     )
+    return _result(solved, cameras, sizes, names, settings, notes=notes)
 
 
 def _outside(uv: np.ndarray, camera: np.ndarray | None, cameras: list[str], sizes: list[tuple[int, int]]) -> list[str]:
