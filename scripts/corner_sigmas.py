@@ -34,7 +34,10 @@ Finder = Callable[[NDArray], NDArray | None]
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of drawn photo: distance in board widths, blur in pixels, noise in grey levels, lens."""
+    """A kind of drawn photo: distance in board widths, blur in pixels, noise in grey levels, lens, tilt in degrees.
+
+    A sheared one is tilted about a diagonal of its squares, so that its grid lines meet at a small angle.
+    """
 
     name: str
     distance: tuple[float, float]
@@ -42,6 +45,8 @@ class Kind:
     noise: float
     k1: float
     k2: float
+    tilt: tuple[float, float] = (5.0, 50.0)
+    sheared: bool = False
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ KINDS = (
     Kind("far", (3.0, 4.5), blur=0.7, noise=3.0, k1=-0.12, k2=0.03),
     Kind("soft noisy", (1.7, 2.6), blur=1.5, noise=6.0, k1=-0.12, k2=0.03),
     Kind("strong lens", (1.3, 2.0), blur=0.8, noise=2.0, k1=-0.30, k2=0.10),
+    # 2 arctan(cos tilt): grid lines meet at 50 to 30 degrees
+    Kind("sheared", (1.5, 2.2), blur=0.7, noise=3.0, k1=-0.12, k2=0.03, tilt=(62.0, 74.0), sheared=True),
 )
 SIZE = (640, 480)
 VIEWS = 16
@@ -77,10 +84,11 @@ def draw_world(kind: Kind, seed: int) -> World:
     fx = rng.uniform(650, 850)
     truth = np.array([fx, fx * 1.002, 319.5 + rng.normal(0, 8), 239.5 + rng.normal(0, 8), kind.k1, kind.k2])
     undistorted = normalised_rays(truth)
+    points = board_points(1.0)
     photos, corners = [], []
     while len(photos) < VIEWS:
-        rvec, tvec = random_pose(rng, kind.distance)
-        seen = cv2.projectPoints(board_points(1.0), rvec, tvec, camera_matrix(truth), lens(truth))[0].reshape(-1, 2)
+        rvec, tvec = random_pose(rng, kind)
+        seen = cv2.projectPoints(points, rvec, tvec, camera_matrix(truth), lens(truth))[0].reshape(-1, 2)
         if (seen < 25).any() or (seen > np.array(SIZE) - 26).any():
             continue
         photos.append(draw_photo(kind, rvec, tvec, undistorted, rng))
@@ -88,12 +96,14 @@ def draw_world(kind: Kind, seed: int) -> World:
     return World(photos, np.array(corners), 1.0, truth)
 
 
-def random_pose(rng: np.random.Generator, distance: tuple[float, float]) -> tuple[NDArray, NDArray]:
-    """Board centre somewhere in view, tilted by up to 50 degrees about a random axis in the picture plane."""
-    azimuth, tilt, roll = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(5, 50)), rng.normal(0, 0.3)
+def random_pose(rng: np.random.Generator, kind: Kind) -> tuple[NDArray, NDArray]:
+    """Board centre somewhere in view, tilted about a random axis in the picture plane."""
+    azimuth, tilt, roll = rng.uniform(0, 2 * np.pi), np.deg2rad(rng.uniform(*kind.tilt)), rng.normal(0, 0.3)
+    if kind.sheared:
+        roll = azimuth + rng.choice([-1, 1]) * np.pi / 4 + rng.normal(0, 0.1)
     tilted, _ = cv2.Rodrigues(np.array([np.cos(azimuth), np.sin(azimuth), 0]) * tilt)
     rotation = tilted @ cv2.Rodrigues(np.array([0, 0, roll]))[0]
-    z = rng.uniform(*distance) * COLUMNS
+    z = rng.uniform(*kind.distance) * COLUMNS
     centre = np.array([rng.uniform(-0.35, 0.35) * z, rng.uniform(-0.25, 0.25) * z, z])
     middle = np.array([(COLUMNS - 1) / 2, (ROWS - 1) / 2, 0])
     return cv2.Rodrigues(rotation)[0], centre - rotation @ middle

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from jaxmocap._errors import InputError
 from jaxmocap.vision.board_grid import Floats, Grey, as_grid, check_board, grid_fault, orient_by_colour
+from jaxmocap.vision.sheared import find_stretched, refine_one, smallest_angle, surroundings
 
 Detector = Literal["default", "quads", "sectors"]
 
@@ -44,6 +45,11 @@ than a pixel by an amount that depends on where between two pixels it lies; half
 sampling asks for. More would lower the residuals further but, like wide windows, leaves errors that the
 stated sigmas do not cover."""
 
+SHEARED = np.deg2rad(50.0)
+"""Grid lines that meet at less are refined where the squares look square (`vision.sheared`). A square board tilted
+about a diagonal by t shows the angle 2 arctan(cos t): 50 degrees is a tilt of 62. Above, both ways are equally
+accurate; below, the square window loses (`scripts/corner_sigmas.py`, kind "sheared")."""
+
 _LEAST_HALF_WINDOW = 2  # below, fewer edge pixels than unknowns: such corners cannot be refined
 
 
@@ -54,9 +60,9 @@ class CornerResult:
     Attributes:
         uv: Corners row by row, float64 (columns * rows, 2), pixels, (0, 0) the centre of the top-left pixel.
             Numbered as `orient_by_colour` says.
-        finder: Which finder saw the grid, "quads" or "sectors".
+        finder: Which finder saw the grid, "quads", "sectors" or (sectors in a stretched photo) "stretched".
         half_window: Half size of the refinement window of each corner, (columns * rows,), pixels; 0: not
-            refined.
+            refined. Of a sheared board: pixels of a picture in which its squares are square.
     """
 
     uv: Floats
@@ -96,6 +102,12 @@ def find_corners(
     if detector == "quads":
         return None
     found = find_sectors(photo_grey, columns_rows)
+    if found is None and detector == "default":
+        # Sectors, because without a board in view that finder needs a tenth of the time.
+        found = find_stretched(photo_grey, lambda grey: find_sectors(grey, columns_rows))
+        if found is not None:
+            found = _validated(photo_grey, found, columns_rows, whole_board_in_view=True)
+        return None if found is None else _refined(photo_grey, found, columns_rows, "stretched")
     if found is None:
         return None
     if detector == "sectors":
@@ -182,12 +194,36 @@ def _validated(
 
 def _refined(grey: Grey, uv: Floats, columns_rows: tuple[int, int], finder: str) -> CornerResult | None:
     """Refined corners; None if refinement moved one out of its window, for then it was not a corner."""
+    if smallest_angle(as_grid(uv, columns_rows)) < SHEARED:
+        return _refined_sheared(grey, uv, columns_rows, finder)
     height, width = grey.shape
     half = half_windows(uv, columns_rows, (width, height))
     refined = refine_corners(grey, uv, half)
     if (half < _LEAST_HALF_WINDOW).any() or (np.abs(refined - uv).max(axis=1) > half).any():
         return None
     return CornerResult(refined, finder, half)
+
+
+def _refined_sheared(grey: Grey, uv: Floats, columns_rows: tuple[int, int], finder: str) -> CornerResult | None:
+    """The same with a window that is a parallelogram in the photo; its reach follows the rules of `half_windows`."""
+    smooth = cv2.GaussianBlur(grey, (0, 0), _SMOOTHING)
+    border_of = np.subtract(grey.shape[::-1], 1)
+    for _ in range(2):  # the window's shape follows from the corners, and the finder's are rough
+        grid = as_grid(uv, columns_rows)
+        free = distance_to_next_line(grid)
+        fraction = max(WINDOW_FRACTION, min(MIN_HALF_WINDOW / free, MAX_WINDOW_FRACTION))
+        A, square = surroundings(grid)
+        reach = np.abs(A).sum(axis=2)  # of a window of half size 1, along u and v
+        border = (np.minimum(uv, border_of - uv) / reach).min(axis=1)
+        half = np.floor(np.minimum(fraction * square, border)).astype(np.int64)
+        if (half * free / square < _LEAST_HALF_WINDOW).any():
+            return None
+        refined = np.array([refine_one(smooth, *one, _SUBPIX_STOP) for one in zip(uv, A, half.tolist())])
+        move = np.abs(np.linalg.solve(A, (refined - uv)[..., None])[..., 0])
+        if (move.max(axis=1) > half).any():
+            return None
+        uv = refined
+    return CornerResult(uv, finder, half)
 
 
 def distance_to_next_line(grid: Floats) -> float:

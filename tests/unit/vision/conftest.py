@@ -34,9 +34,15 @@ def draw(
     roll: float = 0.06,
     tilt: float = 0.01,
     noise: float = 1.0,
+    angle: float = 90.0,
 ) -> Drawn:
-    """A board of `columns` x `rows` inner corners on a light wall; corner (i, j) is at board point (i, j)."""
-    pixels_from_board = tilted_homography(square, origin, roll, tilt)
+    """A board of `columns` x `rows` inner corners on a light wall; corner (i, j) is at board point (i, j).
+
+    Its columns are sheared so that they meet the rows at `angle` degrees (before the foreshortening `tilt`).
+    """
+    c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    sheared = np.array([[1, c, 0], [0, s, 0], [0, 0, 1]]) if angle != 90.0 else np.eye(3)
+    pixels_from_board = tilted_homography(square, origin, roll, tilt) @ sheared
     board_from_pixels = np.linalg.inv(pixels_from_board)
     u = (np.arange(size[0] * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5
     v = (np.arange(size[1] * SUPERSAMPLING) + 0.5) / SUPERSAMPLING - 0.5
