@@ -13,7 +13,6 @@ residuals are independent. scripts/simulate_calibration.py shows what the interv
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap.optim.linearise import (
@@ -22,11 +21,12 @@ from jaxmocap.optim.linearise import (
     NormalEquations,
     block_jacobians,
     chunk_size,
+    chunk_start,
+    cut_chunk,
     residuals,
-    split_chunks,
 )
 from jaxmocap.optim.packing import ArrowVariables, Flat, Layout, unflatten_last
-from jaxmocap.optim.schur import backward_blocks, eliminate
+from jaxmocap.optim.schur import backward_blocks, eliminate, solve_positive
 
 # Smallest eigenvalue of the reduced matrix, relative to a unit diagonal before elimination, that is not rounding:
 # the elimination subtracts numbers of size 1 with an error of a few eps = 2e-16 each.
@@ -111,12 +111,14 @@ def _leave_one_out(
     r"""Jackknife covariance of the shared parameters, each block left out to first order, and its design effect.
 
     Without block i the normal equations are S - S_i and the gradient -u_i, so the estimate moves by
-    d_i = (S - S_i)^-1 u_i = (I - S^-1 S_i)^-1 S^-1 u_i. For independent residuals of variance s^2 the covariance of
-    u_i is s^2 (S_i - S_i S^-1 S_i), so u_i . d_i has mean s^2 tr(S^-1 S_i): the sum over i of u_i . d_i / s^2
-    has mean ns exactly and variance 2 sum tr((S^-1 S_i)^2), blocks taken as independent of one another.
+    d_i = (S - S_i)^-1 u_i = C (I - C^T S_i C)^-1 C^T u_i with S^-1 = C C^T. For independent
+    residuals of variance s^2 the covariance of u_i is s^2 (S_i - S_i S^-1 S_i), so u_i . d_i has mean
+    s^2 tr(S^-1 S_i): the sum over i of u_i . d_i / s^2 has mean ns exactly and variance 2 sum tr((S^-1 S_i)^2),
+    blocks taken as independent of one another.
 
     Returns:
-        jackknife covariance, sum of u_i . d_i, sum of tr((S^-1 S_i)^2).
+        jackknife covariance (infinite if one block alone determines something), sum of u_i . d_i, sum of
+        tr((S^-1 S_i)^2).
     Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapter 11; Bell and McCaffrey 2002 (CR3;
         the trace is that of their CR2, whose square root drops out of it).
     """
@@ -125,31 +127,30 @@ def _leave_one_out(
     # The solver's chunks, so that its trace of the block Jacobian serves here too.
     rows = jax.eval_shape(lambda: residuals(problem, full, data)).shape[0]
     size = chunk_size(ns + layout.local_size, rows, blocks)
-    chunks = split_chunks((full.local, data.blocks, data.weight, T), size)
-    weight = jnp.where(np.arange(chunks[2].size).reshape(chunks[2].shape) < blocks, chunks[2], 0.0)
+    half = jnp.linalg.cholesky(unit)  # in units of it S is the identity, and what is solved is symmetric
+    solve = jax.vmap(solve_positive, (-1, -1), -1)
 
-    def one(S_i: Array, u: Array) -> Array:
-        return jnp.linalg.solve(jnp.eye(ns, dtype=u.dtype) - unit @ S_i, unit @ u)
-
-    def body(total: tuple[Array, Array, Array, Array], chunk):
-        local, block_data, w, T_chunk = chunk
+    def body(chunk: Array, total: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        start, counts = chunk_start(chunk, size, blocks)
+        local, block_data, w, T_chunk = cut_chunk((full.local, data.blocks, data.weight, T), start, size)
         part = ArrowData(block_data, data.common, w)
         r, J_s, J_l = block_jacobians(problem, layout, ArrowVariables(full.shared, local), part)
         # Shared columns with their part along the block's own columns removed.
-        J = J_s - jnp.einsum("lrb,lsb->srb", J_l, T_chunk)
-        S_i = jnp.einsum("srb,trb->bst", J, J)
-        u = jnp.einsum("srb,rb->bs", J, r)
-        move = jnp.where(w[:, None] > 0, jax.vmap(one)(S_i, u), 0.0)
-        share = jnp.einsum("st,btu->bsu", unit, S_i)
-        leverage = jnp.sum(jnp.where(w > 0, jnp.einsum("bst,bts->b", share, share), 0.0))
-        new = (move.T @ move, jnp.sum(move, axis=0), jnp.sum(u * move), leverage)
-        return jax.tree.map(jnp.add, total, new), None
+        J = jnp.einsum("st,srb->trb", half, J_s - jnp.einsum("lrb,lsb->srb", J_l, T_chunk))
+        S_i = jnp.einsum("srb,trb->stb", J, J)
+        u = jnp.einsum("srb,rb->sb", J, r)
+        used = w > 0 if counts is None else (w > 0) & (counts > 0)
+        move = jnp.where(used, solve(jnp.eye(ns, dtype=u.dtype)[:, :, None] - S_i, u), 0.0)
+        leverage = jnp.sum(jnp.where(used, S_i * S_i, 0.0))
+        new = (move @ move.T, jnp.sum(move, axis=1), jnp.sum(u * move), leverage)
+        return jax.tree.map(jnp.add, total, new)
 
     zero = tuple(jnp.zeros(shape, y.shared.dtype) for shape in ((ns, ns), (ns,), (), ()))
-    (squares, total, seen, leverage), _ = jax.lax.scan(body, zero, (chunks[0], chunks[1], weight, chunks[3]))
+    squares, total, seen, leverage = jax.lax.fori_loop(0, -(-blocks // size), body, zero)
     n = jnp.sum(data.weight)
     mean = total / n
-    return (n - 1.0) / n * (squares - n * mean[:, None] * mean[None, :]), seen, leverage
+    spread = half @ (squares - n * jnp.outer(mean, mean)) @ half.T
+    return jnp.where(jnp.all(jnp.isfinite(spread)), (n - 1.0) / n * spread, jnp.inf), seen, leverage
 
 
 def arrow_covariance(

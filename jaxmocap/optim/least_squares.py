@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, PyTree
 
+from jaxmocap._arrays import require_x64
 from jaxmocap._errors import InputError
 from jaxmocap._programs import program
 from jaxmocap.optim import arrow_solver
@@ -135,14 +136,11 @@ def _arrange(
 
 
 def _check_numbers(y: ArrowVariables, data: PyTree) -> int:
+    require_x64("least_squares")
     blocks = block_count(y)
     for leaf in jax.tree.leaves(data):
         if np.ndim(leaf) == 0 or np.shape(leaf)[0] != blocks:
             raise InputError(f"data: expected a leading axis of {blocks} blocks on every leaf, got {np.shape(leaf)}")
-    if not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-        raise InputError(
-            "least_squares needs 64-bit numbers: put `jax.config.update('jax_enable_x64', True)` before making arrays"
-        )
     return blocks
 
 

@@ -172,28 +172,6 @@ def chunk_size(columns: int, rows: int, blocks: int) -> int:
     return max(1, min(size, _LARGEST_CHUNK, blocks))
 
 
-def split_chunks(tree: PyTree, size: int) -> PyTree:
-    """Leaves (..., blocks) -> (chunks, ..., size), the last block repeated to fill the last chunk."""
-
-    def split(x: Array) -> Array:
-        blocks = x.shape[-1]
-        chunks = -(-blocks // size)
-        x = jnp.pad(x, [(0, 0)] * (x.ndim - 1) + [(0, chunks * size - blocks)], mode="edge")
-        return jnp.moveaxis(x.reshape(x.shape[:-1] + (chunks, size)), -2, 0)
-
-    return jax.tree.map(split, tree)
-
-
-def join_chunks(tree: PyTree, blocks: int) -> PyTree:
-    """Inverse of `split_chunks`."""
-
-    def join(x: Array) -> Array:
-        x = jnp.moveaxis(x, 0, -2)
-        return x.reshape(x.shape[:-2] + (x.shape[-2] * x.shape[-1],))[..., :blocks]
-
-    return jax.tree.map(join, tree)
-
-
 def chunk_start(chunk: Array, size: int, blocks: int) -> tuple[Array, Array | None]:
     """First block of a chunk, and which of its blocks count (None: all).
 

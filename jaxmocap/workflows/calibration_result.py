@@ -19,6 +19,7 @@ from jaxmocap.cameras import Camera
 from jaxmocap.geometry import Pose
 from jaxmocap.io import NamedCamera, RigFile, json_bytes, rig_text, write_many
 from jaxmocap.optim import ArrowVariables
+from jaxmocap.optim.robust import weight as robust_weight
 from jaxmocap.report import (
     CalibrationReport,
     CameraReport,
@@ -122,8 +123,8 @@ class CalibrationResult:
         if not self.settings.robust:
             return self.visible
         s = np.sum(self.residual**2, axis=-1) / np.asarray(self.views.seen.sigma) ** 2
-        w = 1.0 / (1.0 + s / float(self.estimate.stats["loss_width"]) ** 2)  # weight of the Cauchy loss
-        return self.visible & (w >= _REJECTED_BELOW)
+        w = robust_weight("cauchy", s, self.estimate.stats["loss_width"])
+        return self.visible & (np.asarray(w) >= _REJECTED_BELOW)
 
     @property
     def rejected(self) -> int:
