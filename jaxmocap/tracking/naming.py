@@ -1,0 +1,137 @@
+"""Names for tracks: the assignment of the largest probability, and how sure each name is."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.optimize import linear_sum_assignment
+from scipy.stats import binom
+
+from jaxmocap.tracking.bead_colours import BeadColours, ColourDensity
+from jaxmocap.tracking.colour_space import cone_from_hsb, hsb_from_cone, hsb_from_rgb, rgb_from_hsb
+
+MIN_MARGIN = float(np.log(1000.0))
+"""A name is given if the best explanation with it is a thousand times as probable as the best one without."""
+
+# A foreign thing can have any colour: even over the cone, whose volume is pi.
+_FOREIGN = -float(np.log(np.pi))
+# A foreign thing that stands in space and is found again and again is rarer than a bead by this factor.
+_FOREIGN_THING = float(np.log(0.01))
+# Lamps and white balances: each channel may change by some 15 % between two turns (a quarter of a photographic
+# stop), and a channel of a colour is measured to 0.05 (VIEW_SD): the ratio of the variances weighs the two.
+_GAIN_PRIOR = (0.05 / 0.15) ** 2
+_IMPOSSIBLE = 1e9
+
+Light = Literal["adapt", "fixed"]
+
+
+@dataclass(frozen=True)
+class Names:
+    """Which thing bears which name."""
+
+    index: Int[np.ndarray, "markers"]
+    """Thing of every marker, -1 where none is sure."""
+    margin: Float[np.ndarray, "markers"]
+    """Logarithm of the odds of the name given in the best explanation, also where it was too small to give it; zero
+    where no thing was considered."""
+    rival: Int[np.ndarray, "markers"]
+    """The thing that was considered; -1 where none."""
+    colours: BeadColours
+    """References after the common change of the light."""
+    gains: Float[np.ndarray, "3"]
+    """Common change of red, green, blue; ones if the light is fixed."""
+
+
+def name_things(
+    cone: Float[np.ndarray, "things 3"],
+    views: Int[np.ndarray, "things"],
+    photos: int,
+    support: Float[np.ndarray, "things"],
+    colours: BeadColours,
+    light: Light = "adapt",
+) -> Names:
+    """Names of things whose colour is known, as one decision over all of them.
+
+    Every thing is a bead, something foreign of any colour, or (tracks) no thing at all but an accident. The names are the
+    explanation of the largest probability, found by linear assignment. The margin of a name is what the best
+    explanation WITHOUT it loses, so two beads of similar colour are unsure together, while a colour that only one
+    bead has is sure.
+
+    Args:
+        cone: colours in the colour cone, means or medians over the views.
+        views: photographs each was measured in.
+        photos: photographs there are; a bead is expected in about half of them, as the figure hides it from the rest.
+        support: logarithm of the odds against accident, see `tracks.chance_support`.
+        colours: references.
+        light: "adapt" estimates a common change of red, green and blue from all names; "fixed" takes none.
+
+    Returns:
+        Names, margins, adapted references.
+    Source: stop-motion document, 3.3.3, made one optimal assignment; light: J. von Kries 1902 (one gain per channel).
+    """
+    gains, adapted = np.ones(3), colours
+    if light == "adapt" and len(cone):
+        for blur in (3.0, 1.0, 1.0):  # at first any colour somewhat near counts, as the light is not known yet
+            cost, free = _costs(cone, views, photos, support, adapted, blur)
+            gains = _common_gains(cone, colours, _assign(cost, free))
+            adapted = under_light(colours, gains)
+    cost, free = _costs(cone, views, photos, support, adapted, 1.0)
+    thing = _assign(cost, free)
+    margin = np.zeros(len(colours.names))
+    total = _total(cost, free, thing)
+    for m in np.flatnonzero(thing >= 0):
+        without = cost.copy()
+        without[thing[m], m] = _IMPOSSIBLE
+        margin[m] = _total(without, free, _assign(without, free)) - total
+    return Names(np.where(margin >= MIN_MARGIN, thing, -1), margin, thing, adapted, gains)
+
+
+def under_light(colours: BeadColours, gains: Float[np.ndarray, "3"]) -> BeadColours:
+    """References as they look when red, green and blue are stronger by common factors; scatter unchanged.
+
+    Source: J. von Kries 1902.
+    """
+    hsb = hsb_from_rgb(np.clip(rgb_from_hsb(colours.hsb) * gains, 0.0, 1.0))
+    return BeadColours(colours.names, hsb, colours.sd, colours.covariance, colours.n)
+
+
+def _costs(
+    cone: np.ndarray, views: np.ndarray, photos: int, support: np.ndarray, colours: BeadColours, blur: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cost of every name for every thing (things, markers), and of none (things,): minus log probabilities."""
+    cost = np.zeros((len(cone), len(colours.names)))
+    for n in np.unique(views):
+        density = colours.density_of(int(n))
+        density = ColourDensity(density.mean, density.covariance * blur**2, density.freedom)
+        cost[views == n] = -density.log_density(cone[views == n])
+    seen = binom.logpmf(views, photos, 0.5) - binom.logpmf(photos // 2, photos, 0.5)
+    return cost - (support + seen)[:, None], -(np.logaddexp(support + _FOREIGN_THING, 0.0) + _FOREIGN)
+
+
+def _assign(cost: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Thing of each marker, -1 for none, of the smallest total; a name dearer than none is not given."""
+    gain = np.minimum(cost - free[:, None], 0.0)  # a pair that gains nothing stands for "none"
+    rows, markers = linear_sum_assignment(gain)
+    thing = np.full(cost.shape[1], -1)
+    better = gain[rows, markers] < 0
+    thing[markers[better]] = rows[better]
+    return thing
+
+
+def _total(cost: np.ndarray, free: np.ndarray, thing: np.ndarray) -> float:
+    named = np.flatnonzero(thing >= 0)
+    return float((cost[thing[named], named] - free[thing[named]]).sum())
+
+
+def _common_gains(cone: np.ndarray, colours: BeadColours, thing: np.ndarray) -> np.ndarray:
+    """Gains of red, green, blue between references and what was named, drawn towards 1."""
+    m = np.flatnonzero(thing >= 0)
+    seen, reference = rgb_from_hsb(hsb_from_cone(cone[thing[m]])), rgb_from_hsb(colours.hsb[m])
+    weight, gains = np.ones(len(m)), np.ones(3)
+    for _ in range(5):
+        w = weight[:, None]
+        gains = ((w * seen * reference).sum(axis=0) + _GAIN_PRIOR) / ((w * reference**2).sum(axis=0) + _GAIN_PRIOR)
+        off = np.linalg.norm(seen - gains * reference, axis=1)
+        weight = 1.0 / np.maximum(off / 0.05, 1.0)  # Huber: what is far off counts less
+    return gains
