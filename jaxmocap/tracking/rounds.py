@@ -78,7 +78,11 @@ def _strong(tracks: Tracks) -> np.ndarray:
 
 def _columns(table: CandidateTable, tracks: Tracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     photos, count = len(table.uv), len(tracks.index)
-    uv, visible, sigma = np.zeros((photos, _COLUMNS, 2)), np.zeros((photos, _COLUMNS), bool), np.ones((photos, _COLUMNS))
+    uv, visible, sigma = (
+        np.zeros((photos, _COLUMNS, 2)),
+        np.zeros((photos, _COLUMNS), bool),
+        np.ones((photos, _COLUMNS)),
+    )
     k = np.arange(photos)[:, None]
     slot = np.maximum(tracks.index.T, 0)
     uv[:, :count], sigma[:, :count], visible[:, :count] = table.uv[k, slot], table.sigma[k, slot], tracks.index.T >= 0

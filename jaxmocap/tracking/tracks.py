@@ -183,9 +183,7 @@ def point_of(views: PhotoViews, index: Int[np.ndarray, "tracks photos"]) -> Floa
     return meet(np.broadcast_to(views.centre_world, v.shape), v, (index >= 0).astype(float))
 
 
-def _polish(
-    table: CandidateTable, views: PhotoViews, index: np.ndarray, free: np.ndarray, gate: float
-) -> np.ndarray:
+def _polish(table: CandidateTable, views: PhotoViews, index: np.ndarray, free: np.ndarray, gate: float) -> np.ndarray:
     """Members again and again from the point of the last ones; at the end none is outside the gate."""
     for _ in range(_POLISH):
         before = index

@@ -75,9 +75,7 @@ def look(cameras: Camera, table: CandidateTable) -> PhotoViews:
 
 
 @eqx.filter_jit
-def _rays(
-    cameras: Camera, uv: Float[Array, "photos slots 2"]
-) -> tuple[Array, Array, Array, Array, Array]:
+def _rays(cameras: Camera, uv: Float[Array, "photos slots 2"]) -> tuple[Array, Array, Array, Array, Array]:
     def one(camera: Camera, uv: Float[Array, "slots 2"]):
         centre, v_world, valid = jax.vmap(ray_from_pixel, (None, 0), (None, 0, 0))(camera, uv)
         focal = jnp.stack([camera.intrinsics.fx, camera.intrinsics.fy])
