@@ -1,22 +1,10 @@
-"""What the tests of naming share: the document's colours, and a small refinement of a turntable from beads."""
+"""What the tests of naming share: counting, and a small refinement of a turntable from beads."""
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from jaxmocap.cameras.turntable import Turntable
 from jaxmocap.synthetic.bead_candidates import turntable_cameras
-
-# Document 000, table of 3.2.
-DOCUMENT = {
-    "head.1": (0.499, 0.176, 0.754), "head.2": (0.303, 0.611, 0.607), "torso.1": (0.768, 0.329, 0.562),
-    "torso.2": (0.187, 0.633, 0.706), "arm.L1": (0.589, 0.234, 0.804), "arm.L2": (0.286, 0.251, 0.694),
-    "arm.L3": (0.077, 0.715, 0.575), "arm.R1": (0.558, 0.605, 0.827), "arm.R2": (0.978, 0.265, 0.598),
-    "arm.R3": (0.240, 0.619, 0.675), "leg.L1": (0.514, 0.540, 0.599), "leg.L2": (0.867, 0.387, 0.575),
-    "leg.L3": (0.286, 0.505, 0.515), "leg.R1": (0.387, 0.667, 0.558), "leg.R2": (0.188, 0.237, 0.777),
-    "leg.R3": (0.554, 0.431, 0.790),
-}  # fmt: skip
 
 
 class SmallRefinement:
@@ -45,12 +33,11 @@ class SmallRefinement:
             return np.concatenate([(off * visible[..., None]).ravel(), (x[3 : 2 + photos] - 0) / np.radians(0.5) * 0.3])
 
         start = np.concatenate([self.rotvec, self.steps[1:], self._points(xy, visible).ravel()])
-        found = least_squares(residual, start, loss="soft_l1", f_scale=1.0, x_scale="jac", max_nfev=30)
+        found = least_squares(residual, start, loss="soft_l1", x_scale="jac", jac_sparsity=_pattern(*visible.shape))
         self.rotvec, self.steps = found.x[:3], np.concatenate([[0.0], found.x[3 : 2 + photos]])
         off = np.abs(residual(found.x)[: 2 * photos * count].reshape(photos, count, 2))[visible]
         gate = max(1.0, 6.0 * 1.4826 * float(np.median(off)))
-        table = Turntable(jnp.asarray(self.rotvec), jnp.asarray(400.0), jnp.asarray(80.0))
-        return turntable_cameras(table, self.angles + self.steps), found.x[2 + photos :].reshape(count, 3), gate
+        return turntable_cameras(self.rotvec, self.angles + self.steps), found.x[2 + photos :].reshape(count, 3), gate
 
     def _points(self, xy, visible):
         """Points nearest to the rays of the present cameras."""
@@ -65,6 +52,19 @@ class SmallRefinement:
                 A, y = A + across, y + across @ (turn[k].T @ np.array([0, 80.0, 400.0]))
             out.append(np.linalg.solve(A, y))
         return np.array(out)
+
+
+def _pattern(photos, count):
+    """Which residual depends on which unknown: rotation 3, angles of photos 1.., points 3 each."""
+    pattern = np.zeros((photos, count, 2, 2 + photos + 3 * count), int)
+    pattern[..., :3] = 1
+    for k in range(1, photos):
+        pattern[k, ..., 2 + k] = 1
+    for m in range(count):
+        pattern[:, m, :, 2 + photos + 3 * m : 5 + photos + 3 * m] = 1
+    steps = np.zeros((photos - 1, 2 + photos + 3 * count), int)
+    steps[np.arange(photos - 1), 3 + np.arange(photos - 1)] = 1
+    return np.concatenate([pattern.reshape(-1, pattern.shape[-1]), steps])
 
 
 def score(found, photos):

@@ -1,17 +1,23 @@
 """Bead candidates without pictures: a figure with beads on a turntable that is not built exactly, seen and named."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
-from jaxmocap.cameras.camera import Camera, project
+from jaxmocap.cameras.camera import Camera
 from jaxmocap.cameras.distortion import BrownDistortion
 from jaxmocap.cameras.intrinsics import Intrinsics
-from jaxmocap.cameras.turntable import Turntable
-from jaxmocap.geometry import Pose, rotation
+from jaxmocap.geometry import Pose
+from jaxmocap.tracking.colour_space import cone_from_hsb, hsb_from_cone, hsb_from_rgb, rgb_from_hsb
+
+_CAMERA = (859.0, 860.2, 337.3, 288.2, -0.12, 0.03)  # fx fy cx cy k1 k2, near the document's calibrated webcam
+_DISTANCE, _HEIGHT = 400.0, 80.0
+_PERFECT = Rotation.from_rotvec([np.pi, 0.0, 0.0])
 
 # T-pose of the document's figure [mm], x = the figure's left, y up, z front; and the way out of the body at the bead.
 _FRONT, _LEFT, _RIGHT = (0.0, 0.0, 1.0), (0.97, 0.0, 0.26), (-0.97, 0.0, 0.26)
@@ -91,7 +97,7 @@ class SeenTurn:
 
 
 def tpose_scene(
-    hsb: dict[str, tuple[float, float, float]], stretch: tuple[float, float, float] = (1, 1, 1)
+    hsb: Mapping[str, tuple[float, float, float]], stretch: tuple[float, float, float] = (1.0, 1.0, 1.0)
 ) -> BeadScene:
     """The figure in its T-pose; `stretch` makes arms, trunk and legs longer or shorter."""
     names = tuple(hsb)
@@ -116,56 +122,67 @@ def posed(scene: BeadScene, rng: np.random.Generator, bend: float = 1.0) -> Bead
             if f"{limb}{i}" in row and f"{limb}{i - 1}" in row:
                 last, this = row[f"{limb}{i - 1}"], row[f"{limb}{i}"]
                 step = scene.p_world[this] - scene.p_world[last]
-                turn = np.asarray(rotation.exp(jnp.asarray(rng.uniform(-bend, bend, 3) / 2))) @ turn
+                turn = Rotation.from_rotvec(rng.uniform(-bend, bend, 3) / 2).as_matrix() @ turn
                 p[this] = p[last] + turn @ step
                 out[this] = turn @ scene.out_world[this]
     return BeadScene(scene.names, p, out, scene.hsb)
 
 
-def turn_of_photos(
-    scene: BeadScene, angles_deg: Float[np.ndarray, "photos"], build: Build, rng: np.random.Generator
-) -> SeenTurn:
+def turn_of_photos(scene: BeadScene, angles_deg: ArrayLike, build: Build, rng: np.random.Generator) -> SeenTurn:
     """Photographs of a scene at the stated angles through a build with errors."""
     angles = np.radians(np.asarray(angles_deg, float))
-    off = np.radians(rng.uniform(-1, 1, 3) * build.turn_deg)
-    real = Turntable(
-        rotation.log(rotation.exp(jnp.asarray(off)) @ rotation.exp(jnp.array([jnp.pi, 0.0, 0.0]))),
-        jnp.asarray(400.0), jnp.asarray(80.0),
-    )  # fmt: skip
+    off = Rotation.from_rotvec(np.radians(rng.uniform(-1, 1, 3) * build.turn_deg))
     steps = np.radians(rng.uniform(-1, 1, len(angles)) * build.step_deg) * (np.arange(len(angles)) > 0)
-    start, true = turntable_cameras(Turntable.nominal(), angles), turntable_cameras(real, angles + steps)
+    start = turntable_cameras(_PERFECT.as_rotvec(), angles)
+    true = turntable_cameras((off * _PERFECT).as_rotvec(), angles + steps)
     box = scene.p_world.min(axis=0) - 10, scene.p_world.max(axis=0) + 10
     things = rng.uniform(*box, (build.things, 3))
     things_hsb = rng.uniform(0, 1, (build.things, 3))
-    points = np.concatenate([scene.p_world, things])
-    uv, _ = jax.vmap(lambda camera: jax.vmap(lambda p: project(camera, p))(jnp.asarray(points)))(true)
+    uv = _pixels(true, np.concatenate([scene.p_world, things]))
     facing = np.stack([-np.sin(angles), 0 * angles, np.cos(angles)], axis=-1)  # from the axis to the camera
     shown = np.concatenate([facing @ scene.out_world.T > -0.1, rng.uniform(size=(len(angles), len(things))) < 0.5], 1)
     hsb = np.concatenate([scene.hsb, things_hsb])
     truth = np.concatenate([np.arange(len(scene.names)), np.full(build.things, -1)])
-    photos = [_photo(np.asarray(uv[k])[s], hsb[s], truth[s], build, rng) for k, s in enumerate(shown)]
+    photos = [_photo(uv[k][s], hsb[s], truth[s], build, rng) for k, s in enumerate(shown)]
     return SeenTurn(tuple(photos), start, true, angles, scene)
 
 
-def turntable_cameras(turntable: Turntable, angles: Float[np.ndarray, "photos"]) -> Camera:
-    """The document's camera before a turntable at some angles [rad], stacked."""
-    lens = (859.0, 860.2, 337.3, 288.2, 0.0)
-    count = len(angles)
-    intrinsics = Intrinsics(*(jnp.full(count, value) for value in lens))
-    brown = BrownDistortion(*(jnp.full(count, value) for value in (-0.12, 0.03, 0.0, 0.0, 0.0)))
-    poses: Pose = jax.vmap(turntable.pose)(jnp.asarray(angles))
-    return Camera(intrinsics, brown, poses, (704, 576))
+def turntable_cameras(rotvec: Float[np.ndarray, "3"], angles: Float[np.ndarray, "photos"]) -> Camera:
+    """The document's camera before a turntable at some angles [rad], stacked.
+
+    Args:
+        rotvec: rotation world -> camera at angle 0; (pi, 0, 0) for a perfect build.
+        angles: of the photographs.
+
+    Source: stop-motion document, 4.1 and eq. 4.14-4.17.
+    """
+    R0 = Rotation.from_rotvec(rotvec)
+    R = R0 * Rotation.from_rotvec(np.outer(angles, [0.0, 1.0, 0.0]))
+    t = np.tile(-R0.apply([0.0, _HEIGHT, _DISTANCE]), (len(angles), 1))
+    fx, fy, cx, cy, k1, k2, zero = (jnp.full(len(angles), v) for v in (*_CAMERA, 0.0))
+    pose = Pose(jnp.asarray(R.as_rotvec()), jnp.asarray(t))
+    return Camera(Intrinsics(fx, fy, cx, cy, zero), BrownDistortion(k1, k2, zero, zero, zero), pose, (704, 576))
+
+
+def _pixels(cameras: Camera, p_world: np.ndarray) -> np.ndarray:
+    """Pixels (photos, points, 2), written out for this one lens."""
+    fx, fy, cx, cy, k1, k2 = _CAMERA
+    R = Rotation.from_rotvec(np.array(cameras.T_camera_world.rotvec)).as_matrix()
+    p = np.einsum("kij,pj->kpi", R, p_world) + np.asarray(cameras.T_camera_world.translation)[:, None]
+    xy = p[..., :2] / p[..., 2:]
+    r2 = (xy**2).sum(axis=-1, keepdims=True)
+    return xy * (1.0 + k1 * r2 + k2 * r2**2) * [fx, fy] + [cx, cy]
 
 
 def _photo(uv: np.ndarray, hsb: np.ndarray, truth: np.ndarray, build: Build, rng: np.random.Generator) -> SeenBeads:
     keep = rng.uniform(size=len(uv)) > build.hidden
     uv, hsb, truth = uv[keep], hsb[keep], truth[keep]
-    cone = _cone(hsb) + rng.normal(size=(len(uv), 3)) * build.colour_sd
+    cone = cone_from_hsb(hsb) + rng.normal(size=(len(uv), 3)) * build.colour_sd
     half = rng.uniform(size=len(uv)) < build.half_hidden
     shift = rng.uniform(-1, 1, (len(uv), 2)) * 3.0
     uv = uv + rng.normal(size=uv.shape) * build.sigma + shift * half[:, None]
     cone = np.where(half[:, None], cone * rng.uniform(0.5, 1.0, (len(uv), 1)), cone)  # mixed with the black figure
-    hsb = _lit(_hsb(cone), np.asarray(build.light))
+    hsb = _lit(hsb_from_cone(cone), np.asarray(build.light))
     lo, hi = uv.min(axis=0, initial=100) - 20, uv.max(axis=0, initial=500) + 20
     uv = np.concatenate([uv, rng.uniform(lo, hi, (build.specks, 2))])
     hsb = np.concatenate([hsb, rng.uniform(0.0, 1.0, (build.specks, 3))])
@@ -177,19 +194,6 @@ def _photo(uv: np.ndarray, hsb: np.ndarray, truth: np.ndarray, build: Build, rng
     )
 
 
-def _cone(hsb: np.ndarray) -> np.ndarray:
-    angle = 2 * np.pi * hsb[:, 0]
-    return np.stack([hsb[:, 1] * np.cos(angle), hsb[:, 1] * np.sin(angle), hsb[:, 2]], axis=-1)
-
-
-def _hsb(cone: np.ndarray) -> np.ndarray:
-    hue = np.mod(np.arctan2(cone[:, 1], cone[:, 0]) / (2 * np.pi), 1.0)
-    return np.clip(np.stack([hue, np.hypot(cone[:, 0], cone[:, 1]), cone[:, 2]], axis=-1), 0.0, 1.0)
-
-
 def _lit(hsb: np.ndarray, gains: np.ndarray) -> np.ndarray:
     """The colours under a light of another tint."""
-    import colorsys
-
-    rgb = np.array([colorsys.hsv_to_rgb(*colour) for colour in hsb]).reshape(len(hsb), 3) * gains
-    return np.array([colorsys.rgb_to_hsv(*colour) for colour in np.clip(rgb, 0, 1)]).reshape(len(hsb), 3)
+    return hsb_from_rgb(np.clip(rgb_from_hsb(hsb) * gains, 0.0, 1.0))

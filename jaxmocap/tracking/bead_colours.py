@@ -54,7 +54,8 @@ class BeadColours:
 
     def density_of(self, views: int) -> "ColourDensity":
         """How probable the mean colour of `views` photographs of one bead is, for every bead."""
-        seen = np.maximum(self.n, 1)[:, None, None]
+        # A colour from a table is taken for the mean of as many views as the expected scatter stands for.
+        seen = np.where(self.n > 0, self.n, PRIOR_VIEWS)[:, None, None]
         covariance = self.covariance * (1.0 / views + 1.0 / seen) + np.diag(TURN_SD**2)
         return ColourDensity(self.cone, covariance, PRIOR_VIEWS + self.n)
 

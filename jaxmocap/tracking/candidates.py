@@ -26,6 +26,8 @@ class CandidateTable:
     """Radius [px], zero in empty slots."""
     hsb: Float[np.ndarray, "photos slots 3"]
     """Hue, saturation, brightness in 0..1."""
+    hsb_square: Float[np.ndarray, "photos slots 3"]
+    """The same as the document measures it, over 5x5 pixels whatever they show; `hsb` where it was not measured."""
     cone: Float[np.ndarray, "photos slots 3"]
     """The same colours as places in the colour cone (see `cone_from_hsb`)."""
     filled: Bool[np.ndarray, "photos slots"]
@@ -62,26 +64,31 @@ def stack_candidates(photos: Sequence[Any]) -> CandidateTable:
     checked = [_checked(k, photo) for k, photo in enumerate(photos)]
     most = max(len(uv) for uv, *_ in checked)
     slots = max(-(-most // _SLOTS), 1) * _SLOTS
-    uv, hsb = np.zeros((len(photos), slots, 2)), np.zeros((len(photos), slots, 3))
+    uv = np.zeros((len(photos), slots, 2))
+    hsb, square = np.zeros((2, len(photos), slots, 3))
     sigma, radius = np.ones((len(photos), slots)), np.zeros((len(photos), slots))
     filled = np.zeros((len(photos), slots), bool)
-    for k, (uv_k, sigma_k, radius_k, hsb_k) in enumerate(checked):
+    for k, (uv_k, sigma_k, radius_k, hsb_k, square_k) in enumerate(checked):
         n = len(uv_k)
-        uv[k, :n], sigma[k, :n], radius[k, :n], hsb[k, :n], filled[k, :n] = uv_k, sigma_k, radius_k, hsb_k, True
-    return CandidateTable(uv, sigma, radius, hsb, cone_from_hsb(hsb), filled)
+        uv[k, :n], sigma[k, :n], radius[k, :n], filled[k, :n] = uv_k, sigma_k, radius_k, True
+        hsb[k, :n], square[k, :n] = hsb_k, square_k
+    return CandidateTable(uv, sigma, radius, hsb, square, cone_from_hsb(hsb), filled)
 
 
-def _checked(k: int, photo: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _checked(k: int, photo: Any) -> tuple[np.ndarray, ...]:
     where = f"candidates of photograph {k}"
     uv = check_shape(f"{where}, uv", photo.uv, (None, 2))
-    sigma = check_shape(f"{where}, sigma", photo.sigma, (len(uv),))
-    radius = check_shape(f"{where}, radius", photo.radius, (len(uv),))
-    hsb = check_shape(f"{where}, hsb", photo.hsb, (len(uv), 3))
-    for name, array in (("uv", uv), ("sigma", sigma), ("radius", radius), ("hsb", hsb)):
+    values = {"uv": uv}
+    for name, shape in (("sigma", (len(uv),)), ("radius", (len(uv),)), ("hsb", (len(uv), 3))):
+        values[name] = check_shape(f"{where}, {name}", getattr(photo, name), shape)
+    square = getattr(photo, "hsb_square", photo.hsb)
+    values["hsb_square"] = check_shape(f"{where}, hsb_square", square, (len(uv), 3))
+    for name, array in values.items():
         check_finite(f"{where}, {name}", array, "Leave such candidates out.")
-    if len(uv) and (hsb.min() < 0 or hsb.max() > 1):
-        raise InputError(f"{where}, hsb: expected numbers in 0..1, got {hsb.min():.4g} to {hsb.max():.4g}.")
-    for name, array in (("sigma", sigma), ("radius", radius)):
-        if len(uv) and array.min() <= 0:
+        if not len(uv):
+            continue
+        if name.startswith("hsb") and (array.min() < 0 or array.max() > 1):
+            raise InputError(f"{where}, {name}: expected numbers in 0..1, got {array.min():.4g} to {array.max():.4g}.")
+        if name in ("sigma", "radius") and array.min() <= 0:
             raise InputError(f"{where}, {name}: expected positive pixels, got {array.min():.4g}.")
-    return uv, sigma, radius, hsb
+    return tuple(values.values())

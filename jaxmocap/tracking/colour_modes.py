@@ -1,7 +1,5 @@
 """Naming beads of one photograph by colour alone: as the document prints it, and repaired."""
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -37,7 +35,7 @@ def colour_distances(
 def name_by_colour(
     hsb: Float[np.ndarray, "candidates 3"],
     colours: BeadColours,
-    mode: Literal["literal", "repaired"],
+    mode: str,
     max_distance: float = MAX_DISTANCE,
 ) -> Int[np.ndarray, "markers"]:
     """Candidate of each bead in one photograph, by colour alone.

@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 
 # Scatter of the colour of one bead between photographs: (saturation plane, saturation plane, brightness). A matte
 # bead lit from the lens keeps hue and saturation while its brightness follows the slope of what is seen of it, so
@@ -61,10 +62,10 @@ def hsb_from_rgb(rgb: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batc
     return np.stack([np.where(hue >= 1.0, 0.0, hue), saturation, top], axis=-1)
 
 
-def hue_difference(a: Float[np.ndarray, "*batch"], b: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+def hue_difference(a: ArrayLike | float, b: ArrayLike | float) -> np.ndarray:
     """Distance between two hues around the circle, 0 to 0.5.
 
     Source: stop-motion document, 3.2: on a scale from 0 to 1, hue 0.999 is right next to hue 0.001.
     """
-    plain = np.mod(np.abs(np.asarray(a) - np.asarray(b)), 1.0)
-    return np.minimum(plain, 1.0 - plain)
+    plain = np.mod(np.abs(np.subtract(a, b)), 1.0)
+    return np.asarray(np.minimum(plain, 1.0 - plain))

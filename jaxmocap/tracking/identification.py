@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -13,12 +13,10 @@ from jaxmocap.cameras.camera import Camera
 from jaxmocap.tracking.bead_colours import BeadColours, close_pairs
 from jaxmocap.tracking.candidates import CandidateTable, stack_candidates
 from jaxmocap.tracking.colour_modes import MAX_DISTANCE, name_by_colour
-from jaxmocap.tracking.naming import Light, Names, name_things
+from jaxmocap.tracking.naming import MIN_MARGIN, MIN_MARGIN_ALONE, Names, name_things
 from jaxmocap.tracking.rounds import GATE, Refine, tighten
 from jaxmocap.tracking.tracks import Tracks, point_of, trimmed, without_doubles
 from jaxmocap.tracking.views import PhotoViews, look
-
-Mode = Literal["best", "repaired", "literal"]
 
 # Squared Mahalanobis distances of a place from its point are exponential with mean 2: beyond the gate, three
 # standard deviations, lies 1 %.
@@ -57,10 +55,10 @@ def identify_beads(
     cameras: Camera | None,
     colours: BeadColours,
     *,
-    mode: Mode = "best",
+    mode: str = "best",
     gate: float = GATE,
     refine: Refine | None = None,
-    light: Light = "adapt",
+    light: str = "adapt",
     max_distance: float = MAX_DISTANCE,
 ) -> Identification:
     """Names of the bead candidates of a set of photographs of one pose.
@@ -93,7 +91,9 @@ def identify_beads(
     if mode not in ("best", "repaired", "literal"):
         raise InputError(f"mode: expected 'best', 'repaired' or 'literal', got {mode!r}.")
     if mode != "best":
-        index = [name_by_colour(table.hsb[k, :n], colours, mode, max_distance) for k, n in enumerate(table.counts)]
+        index = [
+            name_by_colour(table.hsb_square[k, :n], colours, mode, max_distance) for k, n in enumerate(table.counts)
+        ]
         return _plain_result(table, cameras, colours, np.stack(index), gate)
     if len(photos) == 1:
         return _one_photo(table, cameras, colours, gate, light)
@@ -110,11 +110,11 @@ def identify_beads(
 
 
 def _one_photo(
-    table: CandidateTable, cameras: Camera | None, colours: BeadColours, gate: float, light: Light
+    table: CandidateTable, cameras: Camera | None, colours: BeadColours, gate: float, light: str
 ) -> Identification:
     """Colour alone, and only what is sure."""
     n = int(table.counts[0])
-    names = name_things(table.cone[0, :n], np.ones(n, int), 1, np.zeros(n), colours, light)
+    names = name_things(table.cone[0, :n], np.ones(n, int), 1, np.zeros(n), colours, light, MIN_MARGIN_ALONE)
     problems = ("One photograph: names rest on colour alone. Add photographs at other angles to confirm them.",)
     views = None if cameras is None else look(cameras, table)
     index = names.index[None]
@@ -126,8 +126,8 @@ def _guided(
 ) -> Int[np.ndarray, "photos markers"]:
     """Each photograph once more: the named points look for their candidates, also for those of odd colour.
 
-    A candidate that belongs to a track of its own name keeps it unless another fits better; one of another track,
-    named or not, is not taken from it.
+    A candidate of the named track stays unless another fits better. One that no track has is taken if it is a
+    thousand times more probably this bead than anything else; one of another track, named or not, is not taken.
     """
     index = np.full((len(table.uv), len(names.index)), -1)
     named = np.flatnonzero(names.index >= 0)
@@ -142,8 +142,8 @@ def _guided(
         for k in range(len(table.uv)):
             place = -0.5 * (r[:, k] / sigma) ** 2 - np.log(2.0 * np.pi * sigma**2)
             colour = names.colours.density_of(1).log_density(table.cone[k])[:, named].T
-            gain = place + colour - foreign
             mine = own[:, k, None] == np.arange(r.shape[2])
+            gain = place + colour - foreign - np.where(mine, 0.0, MIN_MARGIN)
             allowed = (r[:, k] < gate) & (mine | ~elsewhere[k])
             rows, slots = linear_sum_assignment(np.where(allowed, np.maximum(gain, 0.0), 0.0), maximize=True)
             own[:, k] = -1
@@ -169,8 +169,8 @@ def _problems(names: Names, tracks: Tracks, index: np.ndarray) -> tuple[str, ...
         name, track = names.colours.names[m], names.rival[m]
         said.append(
             f"{name}: a bead of its colour was found in {tracks.views[track]} photographs, but something else may be "
-            "it as well (odds under 1000 to 1); left unnamed. Learn the colours anew in this light, repaint the bead, or "
-            "take away what looks like it."
+            "it as well (odds under 1000 to 1); left unnamed. Learn the colours anew in this light, repaint the bead, "
+            "or take away what looks like it."
         )
     missing = [n for m, n in enumerate(names.colours.names) if names.rival[m] < 0]
     if missing:

@@ -1,18 +1,21 @@
 """Names for tracks: the assignment of the largest probability, and how sure each name is."""
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import binom
 
+from jaxmocap._errors import InputError
 from jaxmocap.tracking.bead_colours import BeadColours, ColourDensity
-from jaxmocap.tracking.colour_space import cone_from_hsb, hsb_from_cone, hsb_from_rgb, rgb_from_hsb
+from jaxmocap.tracking.colour_space import hsb_from_cone, hsb_from_rgb, rgb_from_hsb
 
 MIN_MARGIN = float(np.log(1000.0))
 """A name is given if the best explanation with it is a thousand times as probable as the best one without."""
+
+MIN_MARGIN_ALONE = float(np.log(100.0))
+"""The same for names that rest on the colour of one view: a hundred times, which is what one view can give."""
 
 # A foreign thing can have any colour: even over the cone, whose volume is pi.
 _FOREIGN = -float(np.log(np.pi))
@@ -22,8 +25,6 @@ _FOREIGN_THING = float(np.log(0.01))
 # stop), and a channel of a colour is measured to 0.05 (VIEW_SD): the ratio of the variances weighs the two.
 _GAIN_PRIOR = (0.05 / 0.15) ** 2
 _IMPOSSIBLE = 1e9
-
-Light = Literal["adapt", "fixed"]
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,13 @@ def name_things(
     photos: int,
     support: Float[np.ndarray, "things"],
     colours: BeadColours,
-    light: Light = "adapt",
+    light: str = "adapt",
+    min_margin: float = MIN_MARGIN,
 ) -> Names:
     """Names of things whose colour is known, as one decision over all of them.
 
-    Every thing is a bead, something foreign of any colour, or (tracks) no thing at all but an accident. The names are the
-    explanation of the largest probability, found by linear assignment. The margin of a name is what the best
+    Every thing is a bead, something foreign of any colour, or (tracks) no thing at all but an accident. The names
+    are the explanation of the largest probability, found by linear assignment. The margin of a name is what the best
     explanation WITHOUT it loses, so two beads of similar colour are unsure together, while a colour that only one
     bead has is sure.
 
@@ -65,11 +67,17 @@ def name_things(
         support: logarithm of the odds against accident, see `tracks.chance_support`.
         colours: references.
         light: "adapt" estimates a common change of red, green and blue from all names; "fixed" takes none.
+        min_margin: a name of a smaller margin is not given.
 
     Returns:
         Names, margins, adapted references.
+
+    Raises:
+        InputError: for another `light`.
     Source: stop-motion document, 3.3.3, made one optimal assignment; light: J. von Kries 1902 (one gain per channel).
     """
+    if light not in ("adapt", "fixed"):
+        raise InputError(f"light: expected 'adapt' or 'fixed', got {light!r}.")
     gains, adapted = np.ones(3), colours
     if light == "adapt" and len(cone):
         for blur in (3.0, 1.0, 1.0):  # at first any colour somewhat near counts, as the light is not known yet
@@ -84,7 +92,7 @@ def name_things(
         without = cost.copy()
         without[thing[m], m] = _IMPOSSIBLE
         margin[m] = _total(without, free, _assign(without, free)) - total
-    return Names(np.where(margin >= MIN_MARGIN, thing, -1), margin, thing, adapted, gains)
+    return Names(np.where(margin >= min_margin, thing, -1), margin, thing, adapted, gains)
 
 
 def under_light(colours: BeadColours, gains: Float[np.ndarray, "3"]) -> BeadColours:

@@ -10,11 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+from scipy.spatial.transform import Rotation
 
 from jaxmocap._errors import InputError
-from jaxmocap.cameras.camera import Camera, ray_from_pixel
-from jaxmocap.geometry import rotation
+from jaxmocap.cameras.camera import Camera
+from jaxmocap.cameras.distortion import BrownDistortion, undistort
+from jaxmocap.cameras.intrinsics import Intrinsics
 from jaxmocap.tracking.candidates import CandidateTable
+
+_PIECE = 512  # candidates for which the lens is inverted at once
+_MOST_SLACK = 3.0  # a candidate that may be anywhere confirms nothing
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,8 @@ class PhotoViews:
     """Unit directions of the candidates' rays."""
     valid: Bool[np.ndarray, "photos slots"]
     """True where there is a candidate and its ray exists."""
+    slack: Float[np.ndarray, "photos slots"]
+    """How many times less exact a candidate is than most, 1 to 3: its distances count so many times less."""
 
     def offsets(self, p_world: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points photos 2"]:
         """Normalised coordinates of points in all photographs; infinite behind a camera.
@@ -46,6 +53,7 @@ class PhotoViews:
     def distances(self, p_world: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, "points photos slots"]:
         """Distance of every candidate from the place of every point [px], infinite where it cannot be one.
 
+        Divided by the candidate's slack: a bead half hidden behind another may miss its place by more.
         Measured with the lens removed: within the gates used here that is the distance in the photograph up to the
         local magnification of the lens (some per cent).
 
@@ -54,7 +62,7 @@ class PhotoViews:
         place = self.offsets(np.asarray(p_world, float))
         place = np.where(np.isfinite(place), place, 1e6)
         delta = (self.xy[None] - place[:, :, None]) * self.focal[None, :, None]
-        return np.where(self.valid[None], np.hypot(delta[..., 0], delta[..., 1]), np.inf)
+        return np.where(self.valid[None], np.hypot(delta[..., 0], delta[..., 1]) / self.slack[None], np.inf)
 
 
 def look(cameras: Camera, table: CandidateTable) -> PhotoViews:
@@ -67,21 +75,42 @@ def look(cameras: Camera, table: CandidateTable) -> PhotoViews:
     shape = cameras.T_camera_world.rotvec.shape
     if shape != (len(table.uv), 3):
         raise InputError(f"cameras: expected a stack of {len(table.uv)}, one for each photograph, got shape {shape}.")
-    centre, v_world, exists, R, focal = (np.asarray(a) for a in _rays(cameras, jnp.asarray(table.uv)))
-    v_camera = np.einsum("kij,ksj->ksi", R, v_world)
-    front = v_camera[..., 2:] > 0
-    xy = np.where(front, v_camera[..., :2] / np.where(front, v_camera[..., 2:], 1.0), 0.0)
-    return PhotoViews(R, centre, focal, xy, v_world, table.filled & exists & front[..., 0])
+    K, pose = cameras.intrinsics, cameras.T_camera_world
+    R = Rotation.from_rotvec(np.array(pose.rotvec, float)).as_matrix()
+    centre = -np.einsum("kji,kj->ki", R, np.asarray(pose.translation, float))
+    xy, exists = _without_lens(cameras, table.uv)
+    v_camera = np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+    v_world = np.einsum("kji,ksj->ksi", R, v_camera / np.linalg.norm(v_camera, axis=-1, keepdims=True))
+    focal = np.stack([np.asarray(K.fx, float), np.asarray(K.fy, float)], axis=-1)
+    typical = np.median(table.sigma[table.filled]) if table.filled.any() else 1.0
+    slack = np.clip(table.sigma / typical, 1.0, _MOST_SLACK)
+    return PhotoViews(R, centre, focal, xy, v_world, table.filled & exists, slack)
+
+
+def _without_lens(cameras: Camera, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normalised coordinates of all candidates, and whether the lens can be inverted there.
+
+    In pieces of one size, so that one compiled function serves every number of photographs and candidates.
+    """
+    photos, slots = uv.shape[:2]
+    flat = uv.reshape(-1, 2)
+    owner = np.repeat(np.arange(photos), slots)
+    xy, exists = np.zeros_like(flat), np.zeros(len(flat), bool)
+    lens = jax.tree.map(np.asarray, (cameras.intrinsics, cameras.distortion))
+    for start in range(0, len(flat), _PIECE):
+        piece = np.arange(start, min(start + _PIECE, len(flat)))
+        padded = np.resize(piece, _PIECE)
+        intrinsics, distortion = jax.tree.map(lambda leaf, rows=owner[padded]: jnp.asarray(leaf[rows]), lens)
+        found = _undistort_all(intrinsics, distortion, jnp.asarray(flat[padded]))
+        xy[piece], exists[piece] = (np.asarray(part)[: len(piece)] for part in found)
+    return xy.reshape(photos, slots, 2), exists.reshape(photos, slots)
 
 
 @eqx.filter_jit
-def _rays(cameras: Camera, uv: Float[Array, "photos slots 2"]) -> tuple[Array, Array, Array, Array, Array]:
-    def one(camera: Camera, uv: Float[Array, "slots 2"]):
-        centre, v_world, valid = jax.vmap(ray_from_pixel, (None, 0), (None, 0, 0))(camera, uv)
-        focal = jnp.stack([camera.intrinsics.fx, camera.intrinsics.fy])
-        return centre, v_world, valid, rotation.exp(camera.T_camera_world.rotvec), focal
-
-    return jax.vmap(one)(cameras, uv)
+def _undistort_all(
+    intrinsics: Intrinsics, lens: BrownDistortion, uv: Float[Array, "points 2"]
+) -> tuple[Float[Array, "points 2"], Bool[Array, "points"]]:
+    return jax.vmap(lambda K, lens, uv: undistort(lens, K.normalised_from_pixel(uv)))(intrinsics, lens, uv)
 
 
 def meet(
