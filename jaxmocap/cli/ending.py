@@ -1,5 +1,6 @@
 """How a command ends: exit status, one sentence of error, and the machine-readable failure."""
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,11 +66,11 @@ def write_failure(outputs: Outputs, message: str) -> None:
         "seed": None,
         "warnings": [],
     }
-    page = failure_html(command, message).encode()
-    results = {path.resolve() for path in outputs.results}
+    page = failure_html(command, message).encode(errors="backslashreplace")
+    results = {os.path.realpath(path) for path in outputs.results}
     for path, data in ((outputs.json, json_bytes(content)), (outputs.report, page)):
         # Whatever was typed, a failure replaces neither a recording nor a result.
-        if path is None or path.suffix.lower() in INPUT_SUFFIXES or path.resolve() in results:
+        if path is None or path.suffix.lower() in INPUT_SUFFIXES or os.path.realpath(path) in results:
             continue
         try:
             write_bytes(path, data)
@@ -79,8 +80,8 @@ def write_failure(outputs: Outputs, message: str) -> None:
 
 def write_usage_failure(arguments: Sequence[str], error: Exception) -> None:
     """The machine-readable failure of a command line that could not be understood, where it names --json FILE."""
-    given = [b for a, b in zip(arguments, arguments[1:]) if a == "--json" and not b.startswith("-")]
-    given += [a.removeprefix("--json=") for a in arguments if a.startswith("--json=")]
-    if len(given) == 1 and given[0]:
-        others = [Path(a) for a in arguments if a not in (given[0], f"--json={given[0]}") and not a.startswith("-")]
-        write_failure(Outputs(tuple(others), json=Path(given[0])), " ".join(str(error).split()))
+    split = [word for a in arguments for word in (("--json", a[7:]) if a.startswith("--json=") else (a,))]
+    given = [i + 1 for i, word in enumerate(split[:-1]) if word == "--json" and not split[i + 1].startswith("-")]
+    if len(given) == 1 and split[given[0]]:
+        others = [Path(word) for i, word in enumerate(split) if i != given[0] and not word.startswith("-")]
+        write_failure(Outputs(tuple(others), json=Path(split[given[0]])), " ".join(str(error).split()))

@@ -12,17 +12,35 @@ def check_places(outputs: Outputs, inputs: Sequence[str | Path]) -> None:
     """Refuse at once what could not be written later, or would overwrite an input.
 
     Raises:
-        InputError: a folder that is missing or protected, an output that is an input, two outputs of one name.
+        InputError: a folder that is missing or protected, a name that is too long, an output that is an input, two
+            outputs of one name.
     """
+    from jaxmocap.io.atomic import cannot_write
+
     for path in outputs.all:
-        if path.is_dir():
-            raise InputError(f"{path} is a folder; give the name of a file to write")
-        if not path.absolute().parent.is_dir():
-            raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first")
-        if not os.access(path.absolute().parent, os.W_OK):
-            raise InputError(f"{path}: the folder {path.absolute().parent} cannot be written to; choose another")
-        same = any(path.exists() and Path(i).exists() and path.samefile(i) for i in inputs)
-        if same or (path.exists() and path.suffix.lower() in INPUT_SUFFIXES):
-            raise InputError(f"{path} is, or looks like, one of the inputs; give another name for the output")
-    if len({path.resolve() for path in outputs.all}) < len(outputs.all):
+        try:
+            _check_place(path, inputs)
+        except OSError as error:  # from the mere looking: too long a name, a folder that may not be entered
+            raise cannot_write(path, error) from error
+    if len({os.path.realpath(path) for path in outputs.all}) < len(outputs.all):
         raise InputError("two outputs have the same name; give each its own")
+
+
+def _check_place(path: Path, inputs: Sequence[str | Path]) -> None:
+    folder = path.absolute().parent
+    if path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file to write")
+    if not folder.is_dir():
+        raise InputError(f"{path}: the folder {folder} does not exist; make it first")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InputError(f"{path}: the folder {folder} cannot be written to; choose another")
+    if path.exists() and (path.suffix.lower() in INPUT_SUFFIXES or any(_same(path, i) for i in inputs)):
+        raise InputError(f"{path} is, or looks like, one of the inputs; give another name for the output")
+
+
+def _same(path: Path, other: str | Path) -> bool:
+    """Whether an input is this file; one that cannot be looked at is refused by whoever reads it."""
+    try:
+        return path.samefile(other)
+    except (OSError, ValueError):
+        return False

@@ -2,12 +2,15 @@
 
 import os
 import sys
+from collections.abc import Sequence
+from io import TextIOWrapper
 
-from cyclopts import App
+from cyclopts import App, CycloptsError
 
+from jaxmocap._errors import InputError
 from jaxmocap.cli.calibrate import calibrate
 from jaxmocap.cli.demo import demo
-from jaxmocap.cli.ending import DONE, INTERRUPTED, WRONG_INPUT, write_usage_failure
+from jaxmocap.cli.ending import DONE, INTERRUPTED, WRONG_INPUT, failed, write_usage_failure
 
 app = App(
     name="jaxmocap",
@@ -22,8 +25,12 @@ app.command(demo)
 
 def main() -> None:
     """Run the command line and exit with its status: 0 done, 2 wrong input, 3 not solved, 130 interrupted."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a terminal in another encoding shows \\u00b1 rather than nothing
+            stream.reconfigure(errors="backslashreplace")
     try:
-        status = app(print_error=True, exit_on_error=False)
+        _refuse_unnameable(sys.argv[1:])
+        status = app(sys.argv[1:], print_error=True, exit_on_error=False)
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -31,11 +38,22 @@ def main() -> None:
     except BrokenPipeError:  # the reader of the summary has gone; the files are written
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = DONE
-    except Exception as error:
-        from cyclopts import CycloptsError
-
-        if not isinstance(error, CycloptsError):
-            raise
+    except InputError as error:
+        write_usage_failure(sys.argv[1:], error)
+        status = failed(str(error), WRONG_INPUT)
+    except CycloptsError as error:
         write_usage_failure(sys.argv[1:], error)
         status = WRONG_INPUT
     sys.exit(status if isinstance(status, int) else DONE)
+
+
+def _refuse_unnameable(arguments: Sequence[str]) -> None:
+    """Refuse names that neither a report nor a table can hold: results record the command line."""
+    for argument in arguments:
+        try:
+            argument.encode("utf-8")
+        except UnicodeEncodeError:  # half of a surrogate pair: how Python shows a byte that is not UTF-8
+            raise InputError(
+                f"argument {ascii(argument)}: not UTF-8, so that no result could record it. The name probably comes "
+                "from a system with another encoding: rename the file or folder."
+            ) from None

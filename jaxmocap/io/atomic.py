@@ -96,7 +96,7 @@ def _real(path: Path) -> str:
     try:
         return os.path.realpath(path)
     except ValueError as error:  # a zero byte in the path
-        raise _sentence(path, error) from error
+        raise cannot_write(path, error) from error
 
 
 def _is_stream(path: Path) -> bool:
@@ -113,7 +113,7 @@ def _write_stream(path: Path, data: bytes) -> None:
         with open(path, "wb") as stream:
             stream.write(data)
     except OSError as error:
-        raise _sentence(path, error) from error
+        raise cannot_write(path, error) from error
 
 
 def _stage(path: Path, target: Path, data: bytes) -> Path:
@@ -127,7 +127,7 @@ def _stage(path: Path, target: Path, data: bytes) -> Path:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
         if isinstance(error, OSError):
-            raise _sentence(path, error) from error
+            raise cannot_write(path, error) from error
         raise
     return temporary
 
@@ -169,11 +169,11 @@ def _replace(temporary: Path, target: Path, path: Path) -> None:
     try:
         os.replace(temporary, target)
     except OSError as error:
-        raise _sentence(path, error) from error
+        raise cannot_write(path, error) from error
 
 
-def _sentence(path: Path, error: OSError | ValueError) -> InputError:
-    """The reason in words of the user, and what to do."""
+def cannot_write(path: Path, error: OSError | ValueError) -> InputError:
+    """Why a file cannot be written, in words of the user, and what to do."""
     code = error.errno if isinstance(error, OSError) else None
     folder = path.parent
     reasons = {

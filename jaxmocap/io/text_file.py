@@ -93,7 +93,10 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 
 def _instead(path: Path) -> str:
-    if not path.parent.is_dir():
-        return f"Its folder {str(path.parent)!r} does not exist either; check the path."
-    close = nearest(path.name, sorted(p.name for p in path.parent.iterdir()))
+    try:
+        if not path.parent.is_dir():
+            return f"Its folder {str(path.parent)!r} does not exist either; check the path."
+        close = nearest(path.name, sorted(p.name for p in path.parent.iterdir()))
+    except OSError:  # a folder that may not be listed
+        close = None
     return f"Did you mean {close!r}?" if close else "Check the spelling."

@@ -27,14 +27,27 @@ def expand_photos(patterns: Iterable[str | Path]) -> list[Path]:
         The photos' paths, at least one.
 
     Raises:
-        InputError: Nothing was given, or an entry stands for no photo.
+        InputError: Nothing was given, an entry stands for no photo, or a name is not UTF-8.
     """
     entries = [patterns] if isinstance(patterns, str | Path) else list(patterns)
     if not entries:
         raise InputError("no photos were given. Name files, a folder or a pattern such as 'photos/*.jpg'.")
     paths = sorted((path for entry in entries for path in _expand_one(str(entry))), key=natural_key)
+    _refuse_unnameable(paths)
     unique = {path.resolve(): path for path in reversed(paths)}  # reversed: of two spellings the first in order stays
     return sorted(unique.values(), key=natural_key)
+
+
+def _refuse_unnameable(paths: Iterable[Path]) -> None:
+    """Refuse names that neither text nor files can hold."""
+    for path in paths:
+        try:
+            str(path).encode("utf-8")
+        except UnicodeEncodeError:  # half of a surrogate pair: how Python shows a byte that is not UTF-8
+            raise InputError(
+                f"photo {ascii(str(path))}: the name is not UTF-8, so that no result could name it. It probably comes "
+                "from a system with another encoding: rename the file or folder."
+            ) from None
 
 
 def natural_key(path: str | Path) -> tuple[tuple[tuple[int, int | str], ...], str]:
@@ -46,15 +59,18 @@ def natural_key(path: str | Path) -> tuple[tuple[tuple[int, int | str], ...], st
 
 def _expand_one(entry: str) -> list[Path]:
     """The photos one entry stands for."""
-    path = Path(entry).expanduser()
     try:
+        path = Path(entry).expanduser()
         if path.is_file():
             return [path]
         is_folder = path.is_dir()
         found = list(path.iterdir()) if is_folder else [Path(p) for p in glob.glob(str(path), recursive=True)]
-    except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        raise InputError(f"{entry!r}: cannot be listed ({error}). Check the path and its permissions.") from error
-    photos = [p for p in found if p.suffix.lower() in PHOTO_SUFFIXES and not p.name.startswith(".") and p.is_file()]
+        photos = [p for p in found if p.suffix.lower() in PHOTO_SUFFIXES and p.name[0] != "." and p.is_file()]
+    except (OSError, ValueError, RuntimeError) as error:  # a NUL character in the path; ~ of an unknown user
+        raise InputError(
+            f"{entry!r}: cannot be listed ({error}). Check the path and its permissions; a folder must be allowed to "
+            "be entered (x), not only read."
+        ) from error
     if photos:
         return photos
     if is_folder:

@@ -138,16 +138,16 @@ def check_same_size(photos: Sequence[NamedSize], expected: tuple[int, int] | Non
 
 def _read_bytes(path: Path) -> bytes:
     """The file's bytes, or an error that says why there are none."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder where one photo was expected. Name a file in it.")
     try:
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder where one photo was expected. Name a file in it.")
         if path.stat().st_size > _MAX_FILE_BYTES:
             raise InputError(f"{path}: {path.stat().st_size} bytes are too many for a photo. Is it a video?")
         data = path.read_bytes()
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file. Check the spelling and the folder.") from error
     except (OSError, ValueError) as error:  # ValueError: a NUL character in the path
-        raise InputError(f"{path}: cannot be read ({error}). Check its permissions.") from error
+        raise InputError(f"{path}: cannot be read ({error}). Check its permissions and its folder's.") from error
     if not data:
         raise InputError(f"{path}: is empty (0 bytes); a copy was probably interrupted. Copy it again.")
     return data

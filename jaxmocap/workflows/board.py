@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxmocap.calibration.boards import chessboard_points
+from jaxmocap.vision.board_grid import check_board
 from jaxmocap.workflows.units import parse_length, parse_pair
 
 
@@ -40,6 +41,6 @@ def parse_board(board: str | tuple[int, int], square: str | float) -> Board:
     Raises:
         InputError: if they are not a board and a length.
     """
-    columns, rows = parse_pair(board, "--board", "9x6")
+    columns, rows = check_board(parse_pair(board, "--board", "9x6"))
     side, unit = parse_length(square, "--square")
     return Board((columns, rows), side, unit, chessboard_points(columns, rows, side))
