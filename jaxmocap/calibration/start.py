@@ -114,16 +114,12 @@ def start_camera(
         SolveError: if no view shows enough points.
     Source: optical tracking document, algorithms 1-3.
     """
-    frames, thickness = _best_planes(points, seen)
-    flat, count = thickness <= _NEARLY_FLAT, seen.sum(axis=1)
-    solid = (thickness > _THIN) & np.isfinite(thickness) & (count >= 6)
-    use = ((flat & (count >= 4)) | solid) & _spread_in_image(uv, seen)
+    few, flat, solid, use = _prepared(points, uv, seen)
     if not use.any():
         raise SolveError(
             "No view shows enough points for a start: 4 points of a flat target or 6 of one with depth are needed "
             "in at least one view, not on one line."
         )
-    few = (*_subset(points, uv, seen), np.linalg.inv(frames), flat, solid)
     chosen = np.flatnonzero(use)
     chosen = chosen[np.linspace(0, len(chosen) - 1, min(_VIEWS, len(chosen))).round().astype(int)]
     sample = _take_views(few, chosen, _VIEWS)
@@ -138,12 +134,50 @@ def start_camera(
     if not np.isfinite(costs).any():
         raise SolveError("No start could be found: the points do not look like images of the target given.")
     lens = candidates[int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))]
-    T = np.tile(np.eye(4), (len(points), 1, 1))
-    for first in range(0, len(points), _VIEWS):
-        index = np.arange(first, min(first + _VIEWS, len(points)))
-        T[index] = _poses(lens, *_take_views(few, index, _VIEWS))[0][: len(index)]
+    return lens, _poses_of_all(lens, few, use)[0], use
+
+
+def _prepared(
+    points: np.ndarray, uv: np.ndarray, seen: np.ndarray
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, np.ndarray, np.ndarray]:
+    """Arrays that `_poses` takes, of one number of points; which views are flat, have depth, can be used."""
+    frames, thickness = _best_planes(points, seen)
+    flat, count = thickness <= _NEARLY_FLAT, seen.sum(axis=1)
+    solid = (thickness > _THIN) & np.isfinite(thickness) & (count >= 6)
+    use = ((flat & (count >= 4)) | solid) & _spread_in_image(uv, seen)
+    return (*_subset(points, uv, seen), np.linalg.inv(frames), flat, solid), flat, solid, use
+
+
+def _poses_of_all(lens: Lens, few: tuple[np.ndarray, ...], use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`_poses` of any number of views, the identity where a view is not used."""
+    T, cost = np.tile(np.eye(4), (len(use), 1, 1)), np.zeros(len(use))
+    for first in range(0, len(use), _VIEWS):
+        index = np.arange(first, min(first + _VIEWS, len(use)))
+        some, squares = _poses(lens, *_take_views(few, index, _VIEWS))
+        T[index], cost[index] = some[: len(index)], squares[: len(index)]
     T[~use] = np.eye(4)
-    return lens, T, use
+    return T, cost
+
+
+def start_poses(
+    lens: Lens, points: np.ndarray, uv: np.ndarray, seen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses of targets before a camera that is known.
+
+    Args:
+        lens: K [px] and distortion [1].
+        points: (views, points, 3) in the target's frame [scene].
+        uv: (views, points, 2), where they were seen [px].
+        seen: (views, points), True where seen.
+
+    Returns:
+        T_camera_target as (views, 4, 4) matrices, the identity where a view cannot be used; RMS length of the
+        residuals of each view [px]; which views could be used.
+    Source: optical tracking document, end of 4.4.5.
+    """
+    few, _, _, use = _prepared(points, uv, seen)
+    T, cost = _poses_of_all(lens, few, use)
+    return T, np.sqrt(cost / np.maximum(few[2].sum(axis=1), 1)), use
 
 
 def _poses(
