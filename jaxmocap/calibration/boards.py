@@ -203,18 +203,33 @@ def _refine_robust(start: ArrowVariables, views: TargetViews, loss: Loss, option
         estimate = least_squares(problem, at, views, (width, None), **chosen)
     assert estimate is not None
     estimate = eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "loss_width": width})
-    return _robust_covariance(estimate, views, loss) if options["covariance"] else estimate
-
-
-def _robust_covariance(estimate: Estimate, views: TargetViews, loss: Loss) -> Estimate:
-    """The estimate with the asymptotic covariance of its loss in place of that of the changed residuals."""
+    if not options["covariance"]:
+        return estimate
     r = jax.vmap(view_residuals, (None, 0, 0, None))(estimate.value.shared, estimate.value.local, views, None)
-    seen = views.seen.visible.reshape(-1).astype(float)
-    s = jnp.sum(r.reshape(-1, 2) ** 2, axis=1)
-    variance, move = variance_factors(loss, s, seen, estimate.stats["loss_width"], 2)
+    return robust_covariance(estimate, r.reshape(-1, 2), views.seen.visible.reshape(-1), loss, width)
+
+
+def robust_covariance(
+    estimate: Estimate, r: Float[Array, "groups 2"], seen: Bool[Array, "groups"], loss: Loss, width: Float[Array, ""]
+) -> Estimate:
+    """The estimate with the asymptotic covariance of its loss in place of that of the changed residuals.
+
+    Args:
+        estimate: of a robustified problem.
+        r: plain residuals at the solution [sigma].
+        seen: True where a residual counts.
+        loss: which was used.
+        width: of the loss [sigma].
+
+    Returns:
+        The estimate with another variance and design effect.
+    Source: as `optim.robust.variance_factors`.
+    """
+    count = seen.astype(float)
+    variance, move = variance_factors(loss, jnp.sum(r**2, axis=1), count, width, 2)
     # The mean over points knows nothing of the parameters that were fitted to them.
     freedom = estimate.stats["degrees_of_freedom"]
-    variance = variance * jnp.sum(2.0 * seen) / jnp.maximum(freedom, 1.0)
+    variance = variance * jnp.sum(2.0 * count) / jnp.maximum(freedom, 1.0)
     old = estimate.covariance
     effect = old.design_effect * old.variance * move**2 / variance
     changed = eqx.tree_at(lambda c: (c.variance, c.design_effect), old, (variance, effect))
