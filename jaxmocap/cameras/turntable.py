@@ -108,14 +108,18 @@ def turntable_from_axis(point: Vector3, direction: Vector3, height: Scalar) -> T
         height: of the point nearest the camera centre above the origin [scene].
 
     Returns:
-        Turntable.
+        Turntable; its rotation vector has a positive x, so that small changes of the axis are small changes of it.
     Source: stop-motion document, 4.2 (its world; z of the world points from the axis to the camera).
     """
     y = direction / jnp.sqrt(jnp.sum(direction * direction))
     nearest = point - y * jnp.sum(point * y)
     distance = jnp.sqrt(jnp.sum(nearest * nearest))
     z = -nearest / distance
-    return Turntable(rotation.log(jnp.stack([jnp.cross(y, z), y, z], axis=1)), distance, height)
+    rotvec = rotation.log(jnp.stack([jnp.cross(y, z), y, z], axis=1))
+    # A perfect build turns by pi about x, where w and w - 2 pi w / |w| are one rotation: take the one near (pi, 0, 0).
+    length = jnp.sqrt(jnp.sum(rotvec * rotvec))
+    rotvec = jnp.where(rotvec[0] < 0, rotvec * (1.0 - 2.0 * jnp.pi / length), rotvec)
+    return Turntable(rotvec, distance, height)
 
 
 def document_translation(

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import Flag, Matrix3, Scalar, Vector3
-from jaxmocap.cameras import Camera, project
+from jaxmocap.cameras import Camera, pixel_of_point
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import robust
 from jaxmocap.reconstruction.triangulation import fit_point_linear, rays
@@ -35,7 +35,7 @@ class RefinedPoint(eqx.Module):
 
 def _residuals(cameras: Camera, seen: PixelObservations, use: Array, p: Array) -> Array:
     """(views, 2) predicted minus measured in units of sigma; zero where the view does not count."""
-    uv, _ = jax.vmap(project, (0, None))(cameras, p)
+    uv = jax.vmap(lambda c: pixel_of_point(c.intrinsics, c.distortion, c.T_camera_world.act(p)))(cameras)
     return jnp.where(use[:, None], (uv - seen.uv) / seen.sigma[:, None], 0.0)
 
 
@@ -77,9 +77,20 @@ def refine_point(
     Source: stop-motion document, 5.2 (least squares of its 5.11, in the image instead of in space); optical tracking
         document, 4.4 (refinement).
     """
-    centre, v, use = rays(cameras, seen.uv, seen.visible)
-    start, determined = fit_point_linear(centre, v, use)
-    use = use & determined
+    return _refine(cameras, seen, rays(cameras, seen.uv, seen.visible), loss, width)
+
+
+def _refine(
+    cameras: Camera,
+    seen: PixelObservations,
+    from_pixels: tuple[Array, Array, Array],
+    loss: robust.Loss | None = None,
+    width: float | None = None,
+) -> RefinedPoint:
+    """`refine_point` with the rays given."""
+    centre, v, inside = from_pixels
+    start, determined = fit_point_linear(centre, v, inside & seen.visible)
+    use = inside & seen.visible & determined
     fixed = jax.lax.stop_gradient((cameras, seen, start))
 
     def residual_of(cameras: Camera, seen: PixelObservations, p: Array) -> Array:
@@ -169,26 +180,42 @@ def name_wrong_views(
         wrong names to be found.
     """
     views = seen.visible.shape[0]
-    each = ~jnp.eye(views, dtype=bool)
+    from_pixels = rays(cameras, seen.uv, seen.visible)
 
-    def fit(visible: Array) -> RefinedPoint:
-        return refine_point(cameras, PixelObservations(seen.uv, visible, seen.sigma))
-
-    def body(carry: tuple[Array, Array], _: None):
-        keep, probability = carry
-        whole, without = fit(keep), jax.vmap(lambda m: fit(m & keep))(each)
-        # A pair of views that is left agrees too well: with three it has one degree of freedom, which is enough.
-        judged = keep & without.valid & whole.valid & (jnp.sum(keep) >= 3)
-        drop = jnp.where(judged, whole.chi2 - without.chi2, 0.0)
-        p = jnp.where(judged, jnp.exp(-0.5 * jnp.maximum(drop, 0.0)), 1.0)
+    def judge(keep: Array, last: Array) -> tuple[Array, tuple[RefinedPoint, Array]]:
+        point = _refine(cameras, PixelObservations(seen.uv, keep, seen.sigma), from_pixels)
+        # Three views that are left have three degrees of freedom, one of them leaves one: enough to disagree.
+        judged = keep & point.valid & (point.views >= 3)
+        p = jnp.where(judged, jnp.exp(-0.5 * _drop(cameras, seen, keep, point)), 1.0)
         worst = jnp.argmin(p)
-        named = p[worst] * jnp.sum(keep.astype(p.dtype)) < false_alarm
-        probability = jnp.where(judged, p, probability)
-        return (keep & ~(named & (jnp.arange(views) == worst)), probability), None
+        named = ~last & (p[worst] * point.views < false_alarm)
+        return keep & ~(named & (jnp.arange(views) == worst)), (point, p)
 
-    one = jnp.ones(views, seen.sigma.dtype)
-    (keep, probability), _ = jax.lax.scan(body, (seen.visible, one), None, length=most)
-    point = fit(keep)
+    rounds = jnp.arange(most + 1) == most
+    keep, (points, p) = jax.lax.scan(judge, seen.visible, rounds)
+    point = jax.tree.map(lambda x: x[-1], points)
     freedom = jnp.maximum(2.0 * point.views - 3.0, 1.0)
     tail = jax.scipy.special.gammaincc(0.5 * freedom, 0.5 * point.chi2)
-    return ViewVerdict(seen.visible & ~keep, probability, (tail >= false_alarm) | ~point.valid, point)
+    # A named view was judged last in the round that named it, where it was the least probable.
+    wrong = seen.visible & ~keep
+    return ViewVerdict(wrong, jnp.where(wrong, jnp.min(p, axis=0), p[-1]), (tail >= false_alarm) | ~point.valid, point)
+
+
+def _drop(cameras: Camera, seen: PixelObservations, keep: Array, point: RefinedPoint) -> Float[Array, "views"]:
+    """By how much the sum of squares falls when one view is left out, r_i^T (1 - J_i C J_i^T)^-1 r_i to first order.
+
+    Exact for a linear problem; the least sum without a view is then the same as the least sum with two more unknowns
+    that take up what that view says.
+    """
+
+    def residual(p: Array) -> Array:
+        return _residuals(cameras, seen, keep, p)
+
+    r, J = residual(point.p_world), jax.jacfwd(residual)(point.p_world)
+    C = jnp.where(point.valid, point.covariance, 0.0)
+    left = jnp.eye(2, dtype=r.dtype)[None] - jnp.einsum("vai,ij,vbj->vab", J, C, J)
+    a, b, d = left[:, 0, 0], left[:, 0, 1], left[:, 1, 1]
+    determinant = a * d - b * b
+    usable = determinant > 1e-12
+    inverse_r = jnp.stack([d * r[:, 0] - b * r[:, 1], a * r[:, 1] - b * r[:, 0]], axis=1)
+    return jnp.where(usable, jnp.sum(r * inverse_r, axis=1) / jnp.where(usable, determinant, 1.0), 0.0)

@@ -79,6 +79,7 @@ def test_the_axis_is_the_line_of_world_points_above_the_origin():
     np.testing.assert_allclose(np.cross(point - low, direction), 0, atol=1e-9)
     assert abs(point @ direction) < 1e-9  # nearest the camera centre, the origin of the camera frame
     again = turntable_from_axis(jnp.asarray(low), jnp.asarray(3 * direction), jnp.asarray(75.0))
+    np.testing.assert_allclose(again.rotvec, [np.pi - 0.02, 0.01, 0.03], atol=1e-9)
     np.testing.assert_allclose(again.pose(jnp.asarray(0.3)).matrix(), table.pose(jnp.asarray(0.3)).matrix(), atol=1e-9)
 
 
