@@ -11,6 +11,12 @@ from jaxmocap.calibration.homography import fit_homography_linear as fit_homogra
 from jaxmocap.calibration.homography import refine_homography as refine_homography
 from jaxmocap.calibration.start import start_camera as start_camera
 from jaxmocap.calibration.start import start_rig as start_rig
+from jaxmocap.calibration.turntable import TurntableEstimate as TurntableEstimate
+from jaxmocap.calibration.turntable import bead_prior as bead_prior
+from jaxmocap.calibration.turntable import solve_beads as solve_beads
+from jaxmocap.calibration.turntable import solve_board as solve_board
+from jaxmocap.calibration.turntable_start import start_beads as start_beads
+from jaxmocap.calibration.turntable_start import start_board as start_board
 from jaxmocap.calibration.weakness import find_weaknesses as find_weaknesses
 from jaxmocap.calibration.zhang import fit_distortion_linear as fit_distortion_linear
 from jaxmocap.calibration.zhang import fit_focal_linear as fit_focal_linear

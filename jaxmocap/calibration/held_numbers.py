@@ -8,12 +8,12 @@ held numbers c are off by d, the solution moves by G d with G = -(H_yy)^-1 H_yc.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from jaxmocap._programs import program
 from jaxmocap.optim import ArrowProblem, ArrowVariables
 from jaxmocap.optim.linearise import ArrowData, linearise
 from jaxmocap.optim.packing import blocks_last, flatten, make_layout
@@ -35,7 +35,7 @@ def _inverse(A: Float[Array, "n n"]) -> Float[Array, "n n"]:
     return jnp.linalg.inv(A * d[:, None] * d[None, :]) * d[:, None] * d[None, :]
 
 
-@eqx.filter_jit
+@program
 def joint_covariance(
     problem: ArrowProblem,
     value: ArrowVariables,

@@ -8,7 +8,6 @@ What the data leave free is held: the zero of the angles (one photo keeps its st
 origin on the axis; with beads alone also the distance, which is the scale.
 """
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import equinox as eqx
@@ -18,14 +17,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import Scalar, require_x64
+from jaxmocap._programs import program
 from jaxmocap.calibration.boards import Lens, robust_covariance
 from jaxmocap.calibration.held_numbers import joint_covariance
 from jaxmocap.cameras import Turntable, pixel_of_point
 from jaxmocap.geometry import Pose
 from jaxmocap.observations import PixelObservations
-from jaxmocap.optim import ArrowProblem, ArrowVariables, least_squares
-from jaxmocap.optim.robust import TUNING, Loss, robustify, scale_from_data
+from jaxmocap.optim import ArrowProblem, ArrowVariables, least_squares, robust
+from jaxmocap.optim.robust import TUNING, scale_from_data
 from jaxmocap.results import Estimate
+
+_LOSS: robust.Loss = "cauchy"
 
 
 class BoardScene(eqx.Module):
@@ -130,12 +132,18 @@ def _prior_residuals(scene: BeadScene, common: tuple[Array, BeadPrior]) -> Array
     return common[1].root @ (_known(scene) - common[1].mean)
 
 
+def robust_bead_residuals(
+    scene: BeadScene, p_world: Array, seen: PixelObservations, common: tuple[Array, BeadPrior]
+) -> Array:
+    """`bead_residuals` with a Cauchy loss of width common[0] [sigma].
+
+    Source: as `bead_residuals`; loss: Holland and Welsch 1977.
+    """
+    return robust.apply(_LOSS, bead_residuals(scene, p_world, seen, common[1]), common[0])
+
+
 BOARD_PROBLEM = ArrowProblem(board_residuals)
-
-
-@lru_cache(maxsize=4)
-def _bead_problem(loss: Loss) -> ArrowProblem:
-    return ArrowProblem(robustify(bead_residuals, loss), _prior_residuals)
+BEAD_PROBLEM = ArrowProblem(robust_bead_residuals, _prior_residuals)
 
 
 def _flags(scene: BoardScene | BeadScene) -> tuple[ArrowVariables, ArrowVariables]:
@@ -210,7 +218,7 @@ def solve_board(
     )
 
 
-@jax.jit
+@program
 def _board_description(value: ArrowVariables, photos: BoardPhotos, points: Array) -> tuple[Array, Array]:
     r = jax.vmap(board_residuals, (None, 0, 0, None))(value.shared, value.local, photos, points)[:, :-1]
     return -r * photos.seen.sigma[..., None], jax.vmap(value.shared.T_world_board.act)(points)
@@ -258,8 +266,6 @@ def solve_beads(
     seen: PixelObservations,
     prior: BeadPrior,
     covariance_lens: Float[Array, "10 10"],
-    *,
-    loss: Loss = "cauchy",
 ) -> TurntableEstimate:
     """Turntable, angles and beads of the smallest robust reprojection error.
 
@@ -269,7 +275,6 @@ def solve_beads(
             place: another pose of the puppet is another bead, whose photos are others.
         prior: as `bead_prior` makes it.
         covariance_lens: of the lens, as in `solve_board`.
-        loss: robust loss, whose width follows from the data.
 
     Returns:
         TurntableEstimate; `estimate.stats["sigma_scale"]` is by what the stated sigma of the pixels was multiplied.
@@ -284,7 +289,7 @@ def solve_beads(
     informative = jnp.sum(jnp.any(prior.root != 0, axis=1).astype(float)) - prior.mean.shape[0]
     count = jnp.sum(2.0 * jnp.sum(seen.visible, axis=1) * weight) + informative
     groups = (seen.visible & (weight[:, None] > 0)).reshape(-1)
-    problem, value = _bead_problem(loss), start
+    value = start
     freedom = 2.0 * jnp.sum(groups)
     for _ in range(_ROUNDS):
         r = _bead_sigmas(value, seen, prior).reshape(-1, 2)
@@ -293,24 +298,23 @@ def solve_beads(
         scale = jnp.maximum(scale_from_data(r, groups) * shrunk, 1e-6)
         scaled = eqx.tree_at(lambda s: s.sigma, seen, seen.sigma * scale)
         # In units of the sigma found, so that the prior is weighed by what a pixel is really worth.
-        common = (jnp.asarray(TUNING[loss]), prior)
+        common = (jnp.asarray(TUNING[_LOSS]), prior)
         estimate = least_squares(
-            problem, value, scaled, common, free=free, weight=weight, count=count, by_block=True, pad=False
+            BEAD_PROBLEM, value, scaled, common, free=free, weight=weight, count=count, by_block=True, pad=False
         )
         value, freedom = estimate.value, jnp.maximum(estimate.stats["degrees_of_freedom"], 1.0)
     r = _bead_sigmas(value, scaled, prior)
-    estimate = robust_covariance(estimate, r.reshape(-1, 2), groups, loss, common[0])
+    estimate = robust_covariance(estimate, r.reshape(-1, 2), groups, _LOSS, common[0])
     estimate = eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "sigma_scale": scale})
-    return _bead_result(problem, estimate, r, scaled, common, weight, covariance_lens)
+    return _bead_result(estimate, r, scaled, common, weight, covariance_lens)
 
 
-@jax.jit
+@program
 def _bead_sigmas(value: ArrowVariables, seen: PixelObservations, prior: BeadPrior) -> Array:
     return jax.vmap(bead_residuals, (None, 0, 0, None))(value.shared, value.local, seen, prior)
 
 
 def _bead_result(
-    problem: ArrowProblem,
     estimate: Estimate,
     r: Array,
     seen: PixelObservations,
@@ -321,7 +325,7 @@ def _bead_result(
     value = estimate.value
     free, held = _flags(value.shared)
     factor = estimate.covariance.variance * estimate.covariance.inflation
-    joint = joint_covariance(problem, value, free, held, seen, common, weight, factor, covariance_lens)
+    joint = joint_covariance(BEAD_PROBLEM, value, free, held, seen, common, weight, factor, covariance_lens)
     shared = 4 + len(value.shared.angles)
     total, data = (np.asarray(c) for c in joint)
     own = np.arange(len(weight))[:, None] * 3 + np.arange(3)[None, :] + shared
@@ -335,3 +339,43 @@ def _bead_result(
         total[own[:, :, None], own[:, None, :]],
         estimate,
     )
+
+
+class AxisNumbers(NamedTuple):
+    """Where the axis is and how far the build is from nominal, with standard deviations."""
+
+    point: np.ndarray
+    """(3,) point of the axis nearest the camera centre, camera frame at angle 0 [scene]."""
+    direction: np.ndarray
+    """(3,) unit, upwards."""
+    deviation: np.ndarray
+    """(3,) turn of the camera away from nominal about its x, y, z [rad] (`Turntable.deviation`)."""
+    sigma_point: np.ndarray
+    sigma_direction: np.ndarray
+    sigma_deviation: np.ndarray
+
+
+@program
+def _axis_numbers(turntable: Turntable, covariance: Float[Array, "4 4"]) -> tuple[Array, Array]:
+    def numbers(x: Array) -> Array:
+        t = Turntable(x[:3], x[3], turntable.height)
+        return jnp.concatenate([*t.axis(), t.deviation()])
+
+    x = jnp.concatenate([turntable.rotvec, turntable.distance[None]])
+    J = jax.jacfwd(numbers)(x)
+    return numbers(x), jnp.sqrt(jnp.maximum(jnp.einsum("ni,ij,nj->n", J, covariance, J), 0.0))
+
+
+def axis_numbers(turntable: Turntable, covariance: Float[Array, "4 4"]) -> AxisNumbers:
+    """What a turntable's numbers mean.
+
+    Args:
+        turntable: estimated.
+        covariance: of (rotvec, distance), the leading part of `TurntableEstimate.covariance`.
+
+    Returns:
+        AxisNumbers.
+    Source: first-order propagation through `Turntable.axis` and `Turntable.deviation`.
+    """
+    value, sigma = (np.asarray(x) for x in _axis_numbers(turntable, jnp.asarray(covariance)))
+    return AxisNumbers(value[:3], value[3:6], value[6:], sigma[:3], sigma[3:6], sigma[6:])

@@ -1,19 +1,23 @@
-"""Start values of a turntable from the poses of a board on it: all their rotations share one axis."""
+"""Start values of a turntable: from the poses of a board on it, whose rotations share one axis, or nominal ones."""
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.spatial.transform import Rotation
 
 from jaxmocap._errors import SolveError
+from jaxmocap._programs import program
 from jaxmocap.calibration.boards import Lens
 from jaxmocap.calibration.start import start_poses
-from jaxmocap.calibration.turntable import BoardScene
-from jaxmocap.cameras import turntable_from_axis
+from jaxmocap.calibration.turntable import BeadScene, BoardScene
+from jaxmocap.cameras import Camera, Turntable, turntable_from_axis
 from jaxmocap.geometry import Pose
+from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import ArrowVariables
+from jaxmocap.reconstruction import fit_point_linear, rays
 
 # Two poses of a board that was turned by less than this say nothing of the axis: the rotation between them is known
 # to about (corner noise 0.1 px) / (board of 100 px) = 0.06 degrees at best.
@@ -95,6 +99,22 @@ def _turn_about(direction: np.ndarray, R: np.ndarray, k: int) -> np.ndarray:
     return np.stack([angle, left.magnitude()], axis=1)
 
 
+def _refuse_turning_camera(
+    found: TurntableStart, points: Float[np.ndarray, "points 3"], T_camera_board: Float[np.ndarray, "photos 4 4"]
+) -> None:
+    """Refuse an axis so near the camera that the board, turning about it, would sweep past the camera."""
+    T = T_camera_board[found.best]
+    off = points @ T[:3, :3].T + T[:3, 3] - found.point
+    radius = float(np.linalg.norm(off - np.outer(off @ found.direction, found.direction), axis=1).min())
+    distance = float(np.linalg.norm(found.point))
+    if distance <= radius:
+        raise SolveError(
+            f"The axis passes at {distance:.4g} from the camera, and at {radius:.4g} from the board: it was the camera "
+            "that turned, or board and camera stand on the turntable together. Leave the camera where it is and turn "
+            "the board."
+        )
+
+
 def start_board(
     lens: Lens,
     points: Float[np.ndarray, "points 3"],
@@ -125,8 +145,39 @@ def start_board(
     if not use.all():
         raise SolveError("In some photos the corners of the board lie on one line: it is seen edge-on. Leave them out.")
     found = start_turntable(T)
+    _refuse_turning_camera(found, points, T)
     angles = stated[held] + found.angles - found.angles[held]
     table = turntable_from_axis(jnp.asarray(found.point), jnp.asarray(found.direction), jnp.asarray(height))
     world = np.asarray(table.pose(jnp.asarray(angles[found.best])).inverse().matrix()) @ T[found.best]
     board = Pose(jnp.asarray(Rotation.from_matrix(world[:3, :3]).as_rotvec()), jnp.asarray(world[:3, 3]))
     return ArrowVariables(BoardScene(table, board, lens), jnp.asarray(angles)), rms
+
+
+def start_beads(
+    turntable: Turntable, angles: Float[Array, "photos"], lens: Lens, seen: PixelObservations
+) -> ArrowVariables:
+    """Start values for `calibration.turntable.solve_beads`: beads where the assumed turntable puts them.
+
+    Args:
+        turntable: nominal, or of a calibration.
+        angles: stated [rad].
+        lens: of the camera.
+        seen: (beads, photos).
+
+    Returns:
+        ArrowVariables(BeadScene, beads (beads, 3) [scene]); a bead of fewer than two photos starts on the axis.
+    Source: stop-motion document, 5.2.
+    """
+    points, valid = _triangulated(turntable, angles, lens, seen)
+    on_axis = jnp.stack([jnp.zeros(()), turntable.height, jnp.zeros(())])
+    return ArrowVariables(BeadScene(turntable, angles, lens), jnp.where(valid[:, None], points, on_axis[None]))
+
+
+@program
+def _triangulated(
+    turntable: Turntable, angles: Array, lens: Lens, seen: PixelObservations
+) -> tuple[Float[Array, "beads 3"], Array]:
+    many = jax.tree.map(lambda x: jnp.broadcast_to(x, (len(angles), *x.shape)), lens)
+    # Nothing here asks for the size of the picture.
+    cameras = Camera(many.intrinsics, many.distortion, jax.vmap(turntable.pose)(angles), (0, 0))
+    return jax.vmap(lambda uv, use: fit_point_linear(*rays(cameras, uv, use)))(seen.uv, seen.visible)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 
 from jaxmocap.cli.ending import Outputs, command_line
-from jaxmocap.cli.options import PLAIN_FIT, Board, FitOptions, Photos, RigOptions, Several, Square
+from jaxmocap.cli.options import PLAIN_FIT, Board, FitOptions, Json, Photos, Report, RigOptions, Several, Square
 from jaxmocap.cli.run import Outcome, progress, run
 
 if TYPE_CHECKING:
@@ -124,3 +124,37 @@ def points(
         return solve(correspondences, size, unit=unit, command=command_line(), **fit.arguments())
 
     return run_calibration(job, files, [correspondences])
+
+
+@calibrate.command
+def turntable(
+    camera: Path,
+    photos: Photos,
+    *,
+    board: Board,
+    square: Square,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Turntable file to write (TOML).")],
+    height: Annotated[str | None, Parameter(help="Of the camera above the origin; 80mm.")] = None,
+    report: Report = None,
+    json: Json = None,
+    force: Annotated[bool, Parameter(help="Write a result that is marked as not to be used.", negative="")] = False,
+) -> int:
+    """Find a turntable's axis, and the angle of each photo, from a chessboard standing on it (*_<angle>.jpg)."""
+
+    def job() -> Outcome:
+        from jaxmocap.workflows.turntable import calibrate_turntable as solve
+
+        watch = progress("looking for the board")
+        result = solve(camera, photos, board, square, height=height, command=command_line(), progress=watch)
+        serious = [w for w in result.weaknesses if w.severity == "serious"]
+        refused = ""
+        if serious and not force:
+            refused = f"{serious[0].sentence} {serious[0].next_step} (--force writes the result all the same.)"
+        contents: dict[str | Path, bytes] = {} if refused else {output: result.text().encode()}
+        if report:
+            contents[report] = result.html().encode()
+        if json:
+            contents[json] = result.json({"success": False, "message": refused} if refused else None)
+        return Outcome(result.summary(), contents, refused=refused)
+
+    return run(job, Outputs((output,), report, json), [camera, *photos], "calibrating")

@@ -30,3 +30,7 @@ from jaxmocap.io.tables import read_observations as read_observations
 from jaxmocap.io.tables import table_text as table_text
 from jaxmocap.io.tables import write_table as write_table
 from jaxmocap.io.text_file import hash_files as hash_files
+from jaxmocap.io.turntable_file import TurntableFile as TurntableFile
+from jaxmocap.io.turntable_file import read_turntable as read_turntable
+from jaxmocap.io.turntable_file import turntable_text as turntable_text
+from jaxmocap.io.turntable_file import write_turntable as write_turntable

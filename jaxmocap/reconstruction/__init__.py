@@ -1,4 +1,4 @@
-"""Points in space from what cameras saw."""
+"""Points in space and the puppet's skeleton from what cameras saw."""
 
 from jaxmocap.reconstruction.refinement import RefinedPoint as RefinedPoint
 from jaxmocap.reconstruction.refinement import ViewVerdict as ViewVerdict

@@ -9,3 +9,6 @@ from jaxmocap.report.html import calibration_html as calibration_html
 from jaxmocap.report.html import card_html as card_html
 from jaxmocap.report.text import format_value as format_value
 from jaxmocap.report.text import summary_text as summary_text
+from jaxmocap.report.turntable import TurntableReport as TurntableReport
+from jaxmocap.report.turntable import turntable_html as turntable_html
+from jaxmocap.report.turntable import turntable_summary as turntable_summary

@@ -10,6 +10,7 @@ import html
 from collections.abc import Iterable, Sequence
 from importlib import resources
 
+from jaxmocap.calibration.evidence import Weakness
 from jaxmocap.report.canvas import Picture
 from jaxmocap.report.data import CalibrationReport, CameraReport, ParameterRow, ViewReport
 from jaxmocap.report.figures import camera_pictures
@@ -37,15 +38,28 @@ def calibration_html(report: CalibrationReport) -> str:
     Returns:
         HTML; the same text for the same report.
     """
+    return page_html(report.title, _sections(report))
+
+
+def page_html(title: str, sections: Iterable[str]) -> str:
+    """A self-contained page of ready sections: own style, no script, no request.
+
+    Args:
+        title: of the window.
+        sections: HTML.
+
+    Returns:
+        HTML.
+    """
     css = resources.files("jaxmocap.report").joinpath("page.css").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode()
     policy = f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'"
-    body = "\n".join(_sections(report))
+    body = "\n".join(sections)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_e(policy)}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_e(report.title)}</title>\n<style>{css}</style>\n</head>\n"
+        f"<title>{_e(title)}</title>\n<style>{css}</style>\n</head>\n"
         f"<body>\n<main>\n{body}\n</main>\n</body>\n</html>\n"
     )
 
@@ -57,7 +71,7 @@ def _sections(report: CalibrationReport) -> Iterable[str]:
     if report.stereo:
         yield _section(relative_title(report), _parameters(report.stereo))
     if report.warnings or report.notes:
-        yield _section("What to know", _weaknesses(report))
+        yield _section("What to know", _weaknesses(report.warnings, report.notes))
     for index, camera in enumerate(report.cameras):
         views = [v for v in report.views if v.camera == index]
         pictures = camera_pictures(camera, views, report.unit)
@@ -140,13 +154,13 @@ def _lens_range(camera: CameraReport) -> str:
     )
 
 
-def _weaknesses(report: CalibrationReport) -> str:
+def _weaknesses(warnings: Sequence[Weakness], notes: Sequence[str]) -> str:
     items = [
         f'<li class="{w.severity}"><span class="tag">{w.severity}</span> {_e(w.sentence)}'
         f'<br><span class="next">{_e(w.next_step)}</span></li>'
-        for w in report.warnings
+        for w in warnings
     ]
-    items += [f'<li class="note"><span class="tag">note</span> {_e(note)}</li>' for note in report.notes]
+    items += [f'<li class="note"><span class="tag">note</span> {_e(note)}</li>' for note in notes]
     return '<ul class="weaknesses">\n' + "\n".join(items) + "\n</ul>"
 
 

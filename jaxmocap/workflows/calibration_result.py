@@ -153,8 +153,21 @@ class CalibrationResult:
                 "robust": self.settings.robust,
                 "target": self.settings.board or "points",
                 "frozen": self.frozen_names(),
+                "covariance": self._lens_covariances(),
             },
         )
+
+    def _lens_covariances(self) -> dict[str, Any]:
+        """Covariance of the free numbers of each lens: what is measured with the camera inherits its errors."""
+        covariance = np.asarray(self.estimate.covariance.shared())
+        out = {}
+        for k, camera in enumerate(self.cameras):
+            named = enumerate(parameter_names(self.free))
+            columns = {n: i for i, (c, n) in named if c == k and n in LENS_NAMES}
+            block = covariance[np.ix_(list(columns.values()), list(columns.values()))]
+            if columns and np.isfinite(block).all():
+                out[camera] = {"names": list(columns), "matrix": block.tolist()}
+        return out
 
     def frozen_names(self) -> list[str]:
         """Parameters held because the data do not determine them; with the camera's name where there are several."""
