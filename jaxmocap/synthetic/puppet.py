@@ -81,6 +81,12 @@ def puppet_photo(studio: Studio, figure: Figure, angle: float, rng: np.random.Ge
     return PuppetPhoto(decoded(file), file, bead_truth(studio.camera, T, figure, solids), specks, T)
 
 
+def view_truth(studio: Studio, figure: Figure, angle: float) -> dict[str, dict]:
+    """`PuppetPhoto.beads` of a view that is not drawn."""
+    T = studio.build.world_to_camera(angle)
+    return bead_truth(studio.camera, T, figure, scene(studio, figure).moved(T[:3, :3], T[:3, 3]))
+
+
 def scene(studio: Studio, figure: Figure) -> Solids:
     """Beads, in their order, then the body; world frame."""
     beads = [sphere(c, figure.bead_radius, colour_of_bead(h)) for c, h in zip(figure.beads, studio.hsb)]

@@ -20,14 +20,14 @@ from jaxmocap.synthetic.puppet_figure import POSES, pose_figure, random_pose
 from jaxmocap.synthetic.puppet_render import WARM_LIGHT, Look
 from jaxmocap.synthetic.puppet_set import Session, puppet_set
 
-SIX = tuple(float(a) for a in np.deg2rad([0, 60, 120, 180, 240, 300]))
+FOUR = tuple(float(a) for a in np.deg2rad([0, 60, 180, 300]))
 BUILD = Build(tilt=np.deg2rad(1.0), tilt_towards=1.0, turned=np.deg2rad(-1.0))
 
 
 @pytest.fixture(scope="module")
 def session() -> Session:
     poses = {"wave": POSES["wave"], "stride": POSES["stride"]}
-    return Session(Studio(build=BUILD), poses, angles=SIX, step_error=np.deg2rad(0.5), chessboards=2)
+    return Session(Studio(build=BUILD), poses, angles=FOUR, step_error=np.deg2rad(0.5), chessboards=2)
 
 
 @pytest.fixture(scope="module")
@@ -100,17 +100,14 @@ def test_radius_and_occlusion_are_those_of_rendered_puppet(data_dir):
         assert photo.beads[name]["visible_fraction"] >= 0.97 and take.visible_fraction[0, i] >= 0.97
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_visible_fraction_is_the_area_that_is_seen(seed):
+def test_visible_fraction_is_the_area_that_is_seen():
     """Colours of one bead at a time in a picture without noise: its lit area against rays, over a random pose."""
-    figure = pose_figure(random_pose(np.random.default_rng(seed)))
+    figure = pose_figure(random_pose(np.random.default_rng(0)))
     look = Look(lamp=(0.0, 0.0, 0.0), highlight=0.0, noise=0.0, blur=0.0, vignetting=0.0, jpeg_quality=0)
     compared = 0
     for k, angle in enumerate((0.4, 2.0)):
         truth = puppet_photo(Studio(look=look), figure, angle).beads
         for i in range(k, len(MARKERS), 4):
-            if not truth[MARKERS[i]]["in_image"]:
-                continue
             hsb = np.tile([0.0, 0.0, 0.05], (len(MARKERS), 1))
             hsb[i] = [0.0, 1.0, 1.0]
             rgb = puppet_photo(Studio(look=look, hsb=hsb), figure, angle).rgb.astype(int)
@@ -118,7 +115,7 @@ def test_visible_fraction_is_the_area_that_is_seen(seed):
             area = (rgb[..., 0] - rgb[..., 1] > 60).sum() / (np.pi * truth[MARKERS[i]]["radius_px"] ** 2)
             assert area == pytest.approx(truth[MARKERS[i]]["visible_fraction"], abs=0.12), (MARKERS[i], angle)
             compared += 1
-    assert compared >= 6
+    assert compared == 8
 
 
 def test_board_corners_are_where_the_truth_says(drawn):
@@ -131,11 +128,11 @@ def test_board_corners_are_where_the_truth_says(drawn):
         assert np.median(np.abs(found - corners)) < 0.07, photo["file"]
         assert photo["pattern_towards_camera"]
     facing = [photo["pattern_towards_camera"] for photo in drawn.truth["turntable_chessboard"]["photos"]]
-    assert facing == [True, True, False, False, False, True]
+    assert facing == [True, True, False, True]
 
 
 def test_same_seed_same_bytes(session, drawn):
-    small = Session(session.studio, {"wave": POSES["wave"]}, angles=SIX[:2], chessboards=1)
+    small = Session(session.studio, {"wave": POSES["wave"]}, angles=FOUR[:1], chessboards=1)
     first, second, other = puppet_set(small, 5), puppet_set(small, 5), puppet_set(small, 6)
     assert first.files == second.files and first.truth == second.truth
     assert first.files.keys() == other.files.keys() and first.files != other.files
