@@ -17,6 +17,8 @@ decide."""
 _CORRELATED = 1.5
 """Length along the edge, px, over which errors of edge points are common: the linear interpolation spreads a pixel's
 noise over its neighbours, and JPEG and demosaicing over a little more."""
+_LEAST_WIDTH = 0.3
+_TURNED = 0.6
 _LEAST_RMS = 0.05
 """Scatter of edge points, px, that is assumed even when they happen to lie on the circle more exactly."""
 _ITERATIONS = 6
@@ -109,14 +111,34 @@ def _refine(
     length = _ray_weights(edges)
     weight = length
     for k in range(_ITERATIONS):
-        tau = _NEAR * (3.0 if k < 2 else 2.0)
         residual, jacobian = _residuals(edges, uvr)
-        weight = length * np.maximum(1.0 - (residual / tau) ** 2, 0.0) ** 2
+        width = 3.0 * _NEAR if k < 2 else np.clip(4.0 * _scatter(residual, length), _LEAST_WIDTH, 2 * _NEAR)[:, None]
+        along = _along_circle(edges, jacobian)
+        kept = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 * along
+        kept = np.minimum(kept, np.minimum(np.roll(kept, 1, axis=1), np.roll(kept, -1, axis=1)))
+        weight = length * kept
         normal, right = _normal_equations(residual, jacobian, weight, uvr, prior)
         step = np.linalg.solve(normal, right[..., None])[..., 0]
         uvr = uvr - np.clip(step, -2.0, 2.0)
         uvr[:, 2] = np.clip(uvr[:, 2], *radius)
     return uvr, weight
+
+
+def _scatter(residual: Floats, length: Floats) -> Floats:
+    """Robust standard deviation of the edge points that lie near the circle, (n,), px."""
+    near = np.where((np.abs(residual) < _NEAR) & (length > 0), np.abs(residual), np.nan)
+    near[np.isnan(near).all(axis=1)] = _NEAR
+    return 1.4826 * np.nanmedian(near, axis=1)
+
+
+def _along_circle(edges: Edges, jacobian: Floats) -> Floats:
+    """1 where the edge runs along the circle, falling to 0 where it turns off by `_TURNED`: (n, RAYS).
+
+    Where something hides a part of the bead, the edge leaves the circle at a corner, which blur makes round.
+    """
+    chord = np.roll(edges.uv, -2, axis=1) - np.roll(edges.uv, 2, axis=1)
+    sine = np.abs((chord * jacobian[..., :2]).sum(-1)) / np.maximum(np.linalg.norm(chord, axis=-1), 1e-6)
+    return np.maximum(1.0 - (sine / _TURNED) ** 2, 0.0)
 
 
 def _residuals(edges: Edges, uvr: Floats) -> tuple[Floats, Floats]:
