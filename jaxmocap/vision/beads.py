@@ -17,13 +17,16 @@ from jaxmocap.vision.bead_edges import Seeds, select, trace_edges
 from jaxmocap.vision.bead_seeds import RADIUS_SPREAD, Patches, empty_seeds, guess_radius, weighted_median
 from jaxmocap.vision.colour import SQUARE, hsb_of_rgb, square_hsb
 from jaxmocap.vision.hough import check_count, check_radius
-from jaxmocap.vision.threshold import check_rgb, linear_light
+from jaxmocap.vision.threshold import check_rgb
 
 Floats = NDArray[np.float64]
 
-_ROUNDS = 4  # beads behind one another in one bright patch
+_ROUNDS = 2  # at each level: beads behind beads
 _LEAST_ARC = 0.2  # of the outline; of less, half the points may belong to whatever hides the rest
 _WORST_RMS = 0.5  # px, of the edge points from the circle: a pixel staircase has 0.3
+_DIMMEST = 0.1
+"""Light of the darkest part of a bead, relative to a usual bead: matt black reflects about 4 %, paint of
+bright colour 30 to 90 %, so that what is darker is as likely the figure."""
 _MARGIN = 3.0  # px that rays run past the farthest edge
 _FLOOR = 0.05
 _RADIUS_SD = 0.12  # of the median radius: beads at 340 to 460 mm of a camera at 400 mm
@@ -73,43 +76,56 @@ def find_beads(
     rgb = check_rgb(rgb)
     limits = None if radius is None else check_radius(radius)
     most = None if count is None else check_count(count)
-    picture, patches = linear_light(rgb), Patches(rgb)
-    seeds, area = patches.seeds(1)
-    if limits is None:
-        small = seeds.inner < min(rgb.shape[:2]) / 8  # the figure has to be in the picture too
-        guess = guess_radius(seeds.inner[small], area[small])
-        limits = (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
-    seeds, circles = _in_rounds(picture, patches, seeds, limits)
+    patches = Patches(rgb)
+    limits = limits or _radius_range(patches)
+    seeds, circles = _level_by_level(patches, limits)
     if not len(seeds.uv):
         return _none()
     prior = _size_of_beads(circles, limits)
     seeds = _recentred(seeds, circles, patches)
-    circles = fit_circles(trace_edges(picture, patches.owners, seeds, 2 * limits[1] + _MARGIN), limits, prior)
+    circles = fit_circles(trace_edges(patches.linear, patches.owners, seeds, 2 * limits[1] + _MARGIN), limits, prior)
     return _best(_measure(rgb, patches, seeds, circles), most)
 
 
-def _in_rounds(
-    picture: NDArray[np.float32], patches: Patches, new: Seeds, limits: tuple[float, float]
-) -> tuple[Seeds, Circles]:
-    """Seeds and first circles, from patch to patch and behind what has been explained."""
-    found = []
+def _radius_range(patches: Patches) -> tuple[float, float]:
+    """Radii that beads of this picture may have: around that of most round patches, at whatever brightness."""
+    inner, area = [], []
+    for level in patches.levels()[1::2]:
+        patches.expose(level)
+        _, depth, size = patches.peaks()
+        small = depth < min(patches.value.shape) / 8  # the figure has to be in the picture too
+        inner.append(depth[small])
+        area.append(size[small])
+    guess = guess_radius(np.concatenate(inner), np.concatenate(area)) if inner else None
+    return (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
+
+
+def _level_by_level(patches: Patches, limits: tuple[float, float]) -> tuple[Seeds, Circles]:
+    """Seeds and first circles: bright beads first, then darker ones and those behind what has been explained."""
+    found = [(empty_seeds(), no_circles())]
     first = 1
-    for _ in range(_ROUNDS):
-        first += len(new.uv)
-        new = select(new, new.inner <= 1.3 * limits[1])
-        if not len(new.uv):
+    for level in patches.levels():
+        if level < _dimmest(found):
             break
-        circles = fit_circles(trace_edges(picture, patches.owners, new, 2 * limits[1] + _MARGIN), limits)
-        good = _plausible(circles)
-        patches.explain(
-            np.where(good[:, None], circles.uv, new.uv), np.where(good, circles.radius, new.inner), new.owner
-        )
-        found.append((select(new, good), Circles(*(field[good] for field in circles))))
-        new, _ = patches.seeds(first)
-    if not found:
-        return empty_seeds(), no_circles()
+        patches.expose(level)
+        for _ in range(_ROUNDS):
+            new = patches.seeds(first, (limits[0] / 3, limits[1]))
+            if not len(new.uv):
+                break
+            first = int(new.owner[-1]) + 1
+            circles = fit_circles(trace_edges(patches.linear, patches.owners, new, 2 * limits[1] + _MARGIN), limits)
+            good = _plausible(circles)
+            patches.explain(circles.uv[good], circles.radius[good], select(new, good))
+            patches.pass_over(new.uv, new.inner)
+            found.append((select(new, good), Circles(*(field[good] for field in circles))))
     seeds, circles = zip(*found)
     return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
+
+
+def _dimmest(found: list[tuple[Seeds, Circles]]) -> float:
+    """Coded brightness, 0..255, below which nothing is a bead, given those that were found; 0 when none was."""
+    light = np.concatenate([seeds.colour.max(axis=1)[circles.arc > 0.8] for seeds, circles in found])
+    return 255.0 * (_DIMMEST * float(np.median(light))) ** (1 / 2.2) if len(light) >= 3 else 0.0
 
 
 def _plausible(circles: Circles) -> NDArray[np.bool_]:
