@@ -28,6 +28,7 @@ import equinox as eqx
 import jax
 import jax.export
 import numpy as np
+from jax.core import Tracer
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -169,7 +170,7 @@ class Program(Generic[P, R]):
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         """The function's value."""
-        if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves((args, kwargs))):
+        if any(isinstance(x, Tracer) for x in jax.tree.leaves((args, kwargs))):
             return self._inner(*args, **kwargs)  # options may only be given to the outermost program
         if self._outer is None:
             options: Any = {"compiler_options": _QUICK_TO_COMPILE} if _known() else {}
