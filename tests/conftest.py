@@ -1,10 +1,18 @@
 """Strict switches for every test: 64 bits, no silent broadcasting or promotion, shapes checked at each call."""
 
 import os
+import subprocess
 import sys
 from pathlib import Path
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Nearly all of a test's time is XLA compiling what then runs once: plain code halves it. A version of XLA that does
+# not know these options ends the process, so another process tries them; workers inherit what it found.
+_PLAIN_CODE = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+if "XLA_FLAGS" not in os.environ:
+    _try = [sys.executable, "-c", "import jax; jax.devices()"]
+    _known = subprocess.run(_try, env={**os.environ, "XLA_FLAGS": _PLAIN_CODE}, capture_output=True).returncode == 0
+    os.environ["XLA_FLAGS"] = _PLAIN_CODE if _known else ""
 sys.path.insert(0, str(Path(__file__).parent))  # so that test modules may `import samplers`
 
 import jax

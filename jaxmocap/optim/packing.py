@@ -158,12 +158,19 @@ def blocks_first(tree: PyTree) -> PyTree:
     return jax.tree.map(lambda x: jnp.moveaxis(x, -1, 0), tree)
 
 
-def bucket(blocks: int) -> int:
-    """Padded number of blocks: sizes are rounded up by at most a quarter, so that few sizes are ever compiled.
+def bucket(count: int, steps: int = 4) -> int:
+    """Padded number of blocks or rows: rounded up by at most 1/steps, so that few sizes are ever compiled.
 
     Compiling costs 20 to 500 solves, and a set of photographs or frames has a new length every time.
+
+    Args:
+        count: how many there are.
+        steps: sizes between a power of two and the next, itself a power of two.
+
+    Returns:
+        The padded number; small ones, up to 2 steps, stay as they are.
     """
-    if blocks <= 8:
-        return blocks
-    step = 2 ** (blocks.bit_length() - 3)
-    return -(-blocks // step) * step
+    if count <= 2 * steps:
+        return count
+    step = 2 ** (count.bit_length() - 1) // steps
+    return -(-count // step) * step

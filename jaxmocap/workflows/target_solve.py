@@ -26,10 +26,11 @@ from jaxmocap.optim.packing import bucket
 from jaxmocap.results import RESULTS, Estimate
 
 _MOST_FREEZES = 6
+_POINT_STEPS = 8  # each padded point costs as much as a real one: at most an eighth more of them
 
 
 def make_views(points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: np.ndarray | None = None) -> TargetViews:
-    """Views padded to a size that few compilations serve; the added ones see nothing.
+    """Views and points padded to sizes that few compilations serve; of the added ones nothing is seen.
 
     Args:
         points: (views, points, 3) in the target's frame [scene].
@@ -45,16 +46,20 @@ def make_views(points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: n
     """
     check_finite("points", points[visible.any(axis=1)], "Correct or remove these rows.")
     check_finite("uv", uv[visible], "Correct or remove these corners.")
-    extra = bucket(len(uv)) - len(uv)
-    pad = lambda x: np.concatenate([x, np.repeat(x[-1:], extra, axis=0)]) if extra else x  # noqa: E731
-    seen = pad(visible)
-    seen[len(uv) :] = False
+    views, _, count = visible.shape
+    more = (bucket(views) - views, bucket(count, _POINT_STEPS) - count)
+    wide = np.pad(points, ((0, 0), (0, more[1]), (0, 0)), mode="edge")
     observed = PixelObservations(
-        uv=jnp.asarray(np.where(seen[..., None], pad(uv), 0.0)),
-        visible=jnp.asarray(seen),
-        sigma=jnp.ones(seen.shape) if sigma is None else jnp.asarray(pad(sigma)),
+        uv=jnp.asarray(_padded(np.where(visible[..., None], uv, 0.0), more, 0.0)),
+        visible=jnp.asarray(_padded(visible, more, False)),
+        sigma=jnp.asarray(_padded(np.ones(visible.shape) if sigma is None else sigma, more, 1.0)),
     )
-    return TargetViews(jnp.asarray(pad(points)), observed)
+    return TargetViews(jnp.asarray(np.pad(wide, ((0, more[0]), (0, 0), (0, 0)), mode="edge")), observed)
+
+
+def _padded(x: np.ndarray, more: tuple[int, int], value: float) -> np.ndarray:
+    """An array (views, cameras, points, ...) with more views and points of one value."""
+    return np.pad(x, [(0, more[0]), (0, 0), (0, more[1]), *([(0, 0)] * (x.ndim - 3))], constant_values=value)
 
 
 def _check_enough(views: TargetViews, cameras: list[str], names: int) -> None:

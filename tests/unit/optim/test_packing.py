@@ -56,3 +56,5 @@ def test_buckets():
     assert np.all(padded >= sizes) and np.all(padded <= 1.25 * sizes)
     np.testing.assert_array_equal(padded[:8], sizes[:8])
     assert len(np.unique(padded)) < 50 and all(bucket(int(n)) == n for n in np.unique(padded))
+    finer = np.array([bucket(int(n), 8) for n in sizes])
+    assert np.all(finer >= sizes) and np.all(finer <= 1.125 * sizes) and len(np.unique(finer)) < 100
