@@ -19,10 +19,13 @@ from jaxmocap.vision.hough import hough_circles as hough_circles
 from jaxmocap.vision.hough import opencv_circles as opencv_circles
 from jaxmocap.vision.photo_list import expand_photos as expand_photos
 from jaxmocap.vision.photo_list import natural_key as natural_key
+from jaxmocap.vision.photos import ColourPhoto as ColourPhoto
 from jaxmocap.vision.photos import Photo as Photo
 from jaxmocap.vision.photos import check_same_size as check_same_size
+from jaxmocap.vision.photos import read_colour_photo as read_colour_photo
 from jaxmocap.vision.photos import read_photo as read_photo
 from jaxmocap.vision.threshold import edge_map as edge_map
 from jaxmocap.vision.threshold import grey_of as grey_of
+from jaxmocap.vision.threshold import linear_light as linear_light
 from jaxmocap.vision.threshold import mean_threshold as mean_threshold
 from jaxmocap.vision.threshold import outline as outline

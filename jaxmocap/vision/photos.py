@@ -55,6 +55,32 @@ class Photo:
         return width, height
 
 
+@dataclass(frozen=True)
+class ColourPhoto:
+    """One photograph in colour, ready for measuring.
+
+    Attributes:
+        name: File name with extension; what messages call the photo.
+        path: Where it was read from.
+        rgb: Red, green, blue, uint8 (height, width, 3), row 0 at the top, as stored on the sensor (EXIF rotation not
+            applied).
+        sha256: Hash of the file's bytes, hexadecimal.
+        warnings: What the user should know about this file; empty when all is plain.
+    """
+
+    name: str
+    path: Path
+    rgb: NDArray[np.uint8]
+    sha256: str
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        height, width = self.rgb.shape[:2]
+        return width, height
+
+
 @runtime_checkable
 class NamedSize(Protocol):
     """Anything with a name and an image size: a `Photo`, or what was kept of one."""
@@ -89,20 +115,39 @@ def read_photo(path: str | Path) -> Photo:
     path = Path(path)
     data = _read_bytes(path)
     image = _decode_strictly(data, path)
-    grey, warnings = _grey_of_cmyk(image) if image.mode == "CMYK" else _grey_of_file(data, path)
-    if (grey.shape[1], grey.shape[0]) != image.size:
+    pixels, warnings = _pixels(image, data, path)
+    grey = pixels if pixels.ndim == 2 else _luma(image, pixels)
+    return Photo(path.name, path, _to_8_bits(grey), hashlib.sha256(data).hexdigest(), warnings)
+
+
+def read_colour_photo(path: str | Path) -> ColourPhoto:
+    """Read one photo as 8-bit red, green and blue, as strictly as `read_photo`.
+
+    Args:
+        path: A PNG, JPEG, TIFF, BMP, WebP or PNM file; spaces and Unicode in the path are fine.
+
+    Returns:
+        The photo.
+
+    Raises:
+        InputError: The file is missing, a folder, empty, not an image, truncated, damaged or too big, or only greys.
+    """
+    path = Path(path)
+    data = _read_bytes(path)
+    image = _decode_strictly(data, path)
+    pixels, warnings = _pixels(image, data, path)
+    if pixels.ndim == 2 or _all_grey(pixels):
         raise InputError(
-            f"{path}: two decoders disagree about its size ({grey.shape[1]}x{grey.shape[0]} and "
-            f"{image.size[0]}x{image.size[1]}); the file is damaged. Export it again from the camera."
+            f"{path}: a greyscale photo, but colour is needed: beads are told apart by it. Give the colour photo, and "
+            "switch off black-and-white in the camera."
         )
-    warnings += _orientation_warning(image)
-    return Photo(
-        name=path.name,
-        path=path,
-        grey=grey,
-        sha256=hashlib.sha256(data).hexdigest(),
-        warnings=tuple(f"{path.name}: {text}" for text in warnings),
-    )
+    rgb = np.ascontiguousarray(_to_8_bits(pixels)[..., ::-1])
+    return ColourPhoto(path.name, path, rgb, hashlib.sha256(data).hexdigest(), warnings)
+
+
+def _all_grey(pixels: NDArray) -> bool:
+    """Whether all three channels are the same everywhere."""
+    return bool((pixels[..., 0] == pixels[..., 1]).all() and (pixels[..., 0] == pixels[..., 2]).all())
 
 
 def check_same_size(photos: Sequence[NamedSize], expected: tuple[int, int] | None = None) -> tuple[int, int]:
@@ -182,14 +227,31 @@ def _reason(error: Exception) -> str:
     return str(error).split(" <_io")[0] or type(error).__name__
 
 
-def _grey_of_cmyk(image: Image.Image) -> tuple[NDArray[np.uint8], list[str]]:
-    """Grey of a CMYK image: OpenCV would take four inks for blue, green, red and alpha."""
-    grey = np.array(image.convert("RGB").convert("L"), dtype=np.uint8)
-    return grey, ["CMYK colours (a print format); converted to grey."]
+def _pixels(image: Image.Image, data: bytes, path: Path) -> tuple[NDArray, tuple[str, ...]]:
+    """The photo's pixels, (h, w) or BGR (h, w, 3), 8 or 16 bits, opaque, and what the user should know about them."""
+    if image.mode == "CMYK":  # OpenCV would take four inks for blue, green, red and alpha
+        pixels = np.array(image.convert("RGB"), dtype=np.uint8)[..., ::-1]
+        warnings = ["CMYK colours (a print format); converted."]
+    else:
+        pixels, warnings = _pixels_of_file(data, path)
+    if (pixels.shape[1], pixels.shape[0]) != image.size:
+        raise InputError(
+            f"{path}: two decoders disagree about its size ({pixels.shape[1]}x{pixels.shape[0]} and "
+            f"{image.size[0]}x{image.size[1]}); the file is damaged. Export it again from the camera."
+        )
+    warnings += _orientation_warning(image)
+    return pixels, tuple(f"{path.name}: {text}" for text in warnings)
 
 
-def _grey_of_file(data: bytes, path: Path) -> tuple[NDArray[np.uint8], list[str]]:
-    """Grey of the file as OpenCV decodes it, and what was done to get there."""
+def _luma(image: Image.Image, pixels: NDArray) -> NDArray:
+    """Grey of a colour picture."""
+    if image.mode == "CMYK":
+        return np.array(image.convert("RGB").convert("L"), dtype=np.uint8)
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
+
+
+def _pixels_of_file(data: bytes, path: Path) -> tuple[NDArray, list[str]]:
+    """The file as OpenCV decodes it, without alpha, and what was done to get there."""
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
@@ -204,9 +266,7 @@ def _grey_of_file(data: bytes, path: Path) -> tuple[NDArray[np.uint8], list[str]
     if channels == 4:
         pixels, seen_through = _over_white(pixels)
         warnings += ["transparent pixels, laid over white."] if seen_through else []
-    if channels >= 3:
-        pixels = cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY)
-    return _to_8_bits(pixels.reshape(pixels.shape[:2])), warnings
+    return pixels if channels >= 3 else pixels.reshape(pixels.shape[:2]), warnings
 
 
 def _over_white(bgra: NDArray) -> tuple[NDArray, bool]:
@@ -220,12 +280,12 @@ def _over_white(bgra: NDArray) -> tuple[NDArray, bool]:
     return np.rint(mixed).astype(bgra.dtype), True
 
 
-def _to_8_bits(grey: NDArray) -> NDArray[np.uint8]:
-    """8-bit grey; 16-bit files often hold 10 to 14 bits: scaled by the least power of two that fits."""
-    if grey.dtype == np.uint8:
-        return grey
-    bits = max(8, int(grey.max()).bit_length())
-    return np.minimum(np.rint(grey / 2.0 ** (bits - 8)), _WHITE).astype(np.uint8)
+def _to_8_bits(pixels: NDArray) -> NDArray[np.uint8]:
+    """8-bit pixels; 16-bit files often hold 10 to 14 bits: scaled by the least power of two that fits."""
+    if pixels.dtype == np.uint8:
+        return pixels
+    bits = max(8, int(pixels.max()).bit_length())
+    return np.minimum(np.rint(pixels / 2.0 ** (bits - 8)), _WHITE).astype(np.uint8)
 
 
 def _orientation_warning(image: Image.Image) -> list[str]:

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from jaxmocap._errors import InputError, JaxMocapError
-from jaxmocap.vision import check_same_size, expand_photos, read_photo
+from jaxmocap.vision import check_same_size, expand_photos, read_colour_photo, read_photo
 
 RAMP = np.tile(np.arange(0, 240, 4, dtype=np.uint8), (40, 1))  # (40, 60), brighter to the right
 
@@ -202,3 +202,57 @@ def test_mixed_sizes_name_the_odd_ones(tmp_path):
         check_same_size(photos, expected=(640, 480))
     with pytest.raises(InputError, match="no photos"):
         check_same_size([])
+
+
+COLOURS = np.stack([RAMP, RAMP[::-1, ::-1], np.full_like(RAMP, 77)], axis=-1)
+
+
+def test_colours_are_read_exactly_and_in_order(tmp_path):
+    photo = read_colour_photo(save(tmp_path / "a.png", COLOURS))
+    np.testing.assert_array_equal(photo.rgb, COLOURS)
+    assert (photo.name, photo.size, photo.warnings) == ("a.png", (60, 40), ())
+
+
+def test_colours_of_16_bit_files_keep_their_proportions(tmp_path):
+    path = tmp_path / "deep.png"
+    cv2.imwrite(str(path), np.array([[[0, 2048, 4095]]], dtype=np.uint16))  # blue, green, red; 12 bits
+    photo = read_colour_photo(path)
+    np.testing.assert_allclose(photo.rgb, [[[255, 128, 0]]], atol=1)
+    assert "16-bit" in photo.warnings[0]
+
+
+def test_colours_of_alpha_and_cmyk(tmp_path):
+    half = np.dstack([COLOURS, np.full_like(RAMP, 0)])
+    clear = read_colour_photo(save(tmp_path / "alpha.png", np.dstack([COLOURS, np.full_like(RAMP, 255)])))
+    np.testing.assert_array_equal(clear.rgb, COLOURS)
+    assert clear.warnings == ()
+    half[:, 30:, 3] = 255
+    photo = read_colour_photo(save(tmp_path / "half.png", half))
+    assert (photo.rgb[:, :30] == 255).all() and "transparent" in photo.warnings[0]
+    Image.fromarray(COLOURS).convert("CMYK").save(tmp_path / "print.tif")
+    printed = read_colour_photo(tmp_path / "print.tif")
+    np.testing.assert_allclose(printed.rgb, COLOURS, atol=2)
+    assert "CMYK" in printed.warnings[0]
+
+
+def test_colour_photo_on_its_side_is_not_turned(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(COLOURS).save(tmp_path / "side.jpg", exif=exif)
+    photo = read_colour_photo(tmp_path / "side.jpg")
+    assert photo.size == (60, 40) and "orientation 6" in photo.warnings[0]
+
+
+@pytest.mark.parametrize("grey", [RAMP, np.stack([RAMP] * 3, -1)], ids=["one channel", "three equal"])
+def test_colour_is_asked_for_where_there_is_none(tmp_path, grey):
+    with pytest.raises(InputError, match="grey.png: a greyscale photo, but colour is needed"):
+        read_colour_photo(save(tmp_path / "grey.png", grey))
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_colour_files_are_refused_by_name(tmp_path, name):
+    content, said = BROKEN[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=said) as caught:
+        read_colour_photo(tmp_path / name)
+    assert name in str(caught.value)
