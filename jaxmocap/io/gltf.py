@@ -83,7 +83,7 @@ def glb_bytes(
     document = _Document(take)
     document.add_skeleton()
     for name, p_file in seen.items():
-        document.add_marker(name, p_file, tuple((colours or {}).get(name, _MARKER)))
+        document.add_marker(name, p_file, (colours or {}).get(name, _MARKER))
     lost = [name for name in markers or {} if name not in seen]
     more = [f"{len(seen)} markers"] if seen else []
     more += [f"never seen and left out: {', '.join(lost)}"] if lost else []
@@ -156,7 +156,7 @@ class _Document:
             mesh = Mesh(1.3 * self.radius * ball, ball, np.zeros(0))  # a little larger than the joint it may sit on
             self.meshes.append({"name": "marker", "primitives": [self._primitive(mesh, colour, skinned=False)]})
             self.balls[colour] = len(self.meshes) - 1
-        seen = np.isfinite(p_file).all(axis=1)
+        seen = np.asarray(np.isfinite(p_file).all(axis=1))
         # Where it is hidden its place does not matter; where it was last seen keeps the file free of NaN.
         last_seen = np.maximum.accumulate(np.where(seen, np.arange(len(seen)), np.argmax(seen)))
         placed = p_file[last_seen]

@@ -8,18 +8,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from jaxmocap._errors import InputError
 from jaxmocap.bodies.motion import SkeletonMotion
+from jaxmocap.geometry.upright import R_UPRIGHT_WORLD
 from jaxmocap.io.length_units import unit_factor
 from jaxmocap.io.written_names import check_writable
-
-# Rows: x, y, z of the file in coordinates of the world, so that the axis named is y of the file. Proper rotations.
-_R_FILE_WORLD = {
-    "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    "-y": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
-    "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    "-z": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
-    "x": [[0, -1, 0], [1, 0, 0], [0, 0, 1]],
-    "-x": [[0, 1, 0], [-1, 0, 0], [0, 0, 1]],
-}
 
 _MAX_DEPTH = 200
 """Readers of nested files recurse; Python's own limit of 1000 calls leaves room for about this many levels."""
@@ -97,9 +88,9 @@ def points_in_file(p_world: np.ndarray, unit: str, wanted: str, up: str) -> np.n
     Raises:
         InputError: for units that do not convert, or an unknown axis.
     """
-    if up not in _R_FILE_WORLD:
-        raise InputError(f"up: expected one of {', '.join(_R_FILE_WORLD)}, got {up!r}.")
-    return p_world @ np.array(_R_FILE_WORLD[up], dtype=float).T * unit_factor(unit, wanted, "unit")
+    if up not in R_UPRIGHT_WORLD:
+        raise InputError(f"up: expected one of {', '.join(R_UPRIGHT_WORLD)}, got {up!r}.")
+    return p_world @ R_UPRIGHT_WORLD[up].T * unit_factor(unit, wanted, "unit")
 
 
 def continuous_quaternions(quaternions: np.ndarray) -> np.ndarray:
