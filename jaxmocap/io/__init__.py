@@ -8,6 +8,8 @@ from jaxmocap.io.bvh import write_bvh as write_bvh
 from jaxmocap.io.camera_numbers import NamedCamera as NamedCamera
 from jaxmocap.io.collada import collada_text as collada_text
 from jaxmocap.io.collada import write_collada as write_collada
+from jaxmocap.io.glb_reading import GlbTracks as GlbTracks
+from jaxmocap.io.glb_reading import read_glb as read_glb
 from jaxmocap.io.gltf import glb_bytes as glb_bytes
 from jaxmocap.io.gltf import write_glb as write_glb
 from jaxmocap.io.json_file import json_bytes as json_bytes

@@ -13,7 +13,7 @@ from jaxmocap.io.gltf_chunks import ARRAY_BUFFER, Buffer, glb_container
 from jaxmocap.io.gltf_shapes import Mesh, balls, bones, unit_ball
 from jaxmocap.io.take import Take, points_in_file, prepare_take
 
-Colour = tuple[float, float, float]
+Colour = tuple[float | int, float | int, float | int]
 """Red, green, blue, 0..1, as in a picture (sRGB)."""
 
 _BONE: Colour = (0.75, 0.78, 0.84)

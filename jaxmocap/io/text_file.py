@@ -27,7 +27,7 @@ def read_text(path: str | Path, max_bytes: int) -> str:
     Raises:
         InputError: if it is missing, not readable, empty, too large, binary or in another encoding.
     """
-    data = _read(Path(path), max_bytes)
+    data = read_bytes(path, max_bytes)
     if not data.strip():
         raise InputError(f"{path}: the file is empty. Check that the program that wrote it finished.")
     if data.startswith(_UTF16_MARKS):
@@ -71,7 +71,13 @@ def _sha256(path: Path) -> str:
         raise _unreadable(path, error) from error
 
 
-def _read(path: Path, max_bytes: int) -> bytes:
+def read_bytes(path: str | Path, max_bytes: int) -> bytes:
+    """Content of a file.
+
+    Raises:
+        InputError: if it is missing, not readable or larger than `max_bytes`.
+    """
+    path = Path(path)
     try:
         with open(path, "rb") as file:
             data = file.read(max_bytes + 1)  # bounded whatever the size says: it may be a pipe or grow

@@ -124,7 +124,7 @@ def _kept_frames(scene: ViewerScene) -> tuple[np.ndarray, list[str]]:
     seen = np.zeros(scene.frames, dtype=bool)
     for track in (scene.markers, scene.skeleton):
         if track is not None:
-            seen |= np.isfinite(track.p_world).all(axis=2).any(axis=1)
+            seen |= np.any(np.isfinite(track.p_world).all(axis=2), axis=1)
     kept, notes = np.flatnonzero(seen), []
     if len(kept) < scene.frames:
         notes.append(f"{scene.frames - len(kept)} frames in which nothing was seen are left out.")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxmocap._errors import InputError
 from jaxmocap.geometry.upright import R_UPRIGHT_WORLD
 
-Colour = tuple[float, float, float]
+Colour = tuple[float | int, float | int, float | int]
 """Red, green, blue, 0..1, as in a picture (sRGB)."""
 
 
@@ -71,7 +71,7 @@ class ViewerScene:
     skeleton: Skeleton | None = None
     cameras: tuple[CameraView, ...] = ()
     axis: Axis | None = None
-    fps: float | None = None
+    fps: float | int | None = None
     """Frames per second; None where nobody knows."""
     frame_numbers: np.ndarray | None = None
     """(frames,) what the source calls each frame; None: 0, 1, ..."""

@@ -213,8 +213,9 @@
     canvas.setAttribute("aria-label", `${data.title}: drag or use the arrow keys to turn`);
     const layer = make("div", element, { className: "labels" });
 
-    const about = make("div", element, { className: "panel about" });
-    make("h1", about, { textContent: data.title });
+    const card = make("details", element, { className: "panel about", open: element.clientWidth > 640 });
+    make("h1", make("summary", card), { textContent: data.title });
+    const about = make("div", card);
     const counted = [data.markers && plural(data.markers.names.length, "marker"),
       data.skeleton && plural(data.skeleton.names.length, "joint"), data.cameras.length && plural(data.cameras.length, "camera"),
       data.frames.length > 1 && plural(data.frames.length, "frame")].filter(Boolean).join(", ");
@@ -251,7 +252,7 @@
     const tables = [["marker", scene.markers], ["joint", scene.joints]].filter(([, track]) => track && track.names.length);
     const cells = [];
     if (tables.length && data.frames.length) {
-      const panel = make("details", element, { className: "panel" });
+      const panel = make("details", element, { className: "panel numbers" });
       make("summary", panel, { textContent: `Coordinates${data.unit ? ` [${data.unit}]` : ""}` });
       for (const [word, track] of tables) {
         const table = make("table", panel), head = make("tr", make("thead", table)), body = make("tbody", table);
@@ -277,7 +278,7 @@
     };
 
     const tags = scene.labels.map((label) => make("span", layer, { className: label.kind, textContent: label.name }));
-    const show = (next) => { frame = next; scene.show(frame); if (element.querySelector("details[open]")) fill(); dirty = true; };
+    const show = (next) => { frame = next; scene.show(frame); if (element.querySelector(".numbers[open]")) fill(); dirty = true; };
     show(0);
     fill();
     timeline();
@@ -287,7 +288,7 @@
       const text = "This browser offers no WebGL 2, so the picture cannot be drawn. " +
         (cells.length ? "The coordinates are in the table. " : "") + "Try another browser, or switch on hardware acceleration.";
       make("p", element, { className: "panel problem", textContent: text });
-      for (const details of element.querySelectorAll("details")) details.open = true;
+      for (const details of element.querySelectorAll("details")) details.open = true; // the numbers are what there is
       return;
     }
     const renderer = new T.WebGLRenderer({ canvas, antialias: true, alpha: true });

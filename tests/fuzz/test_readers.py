@@ -5,8 +5,10 @@ with a limit on memory and a watchdog on time, so that a crash or a forged size 
 the test run.
 """
 
+import json
 import os
 import random
+import struct
 import subprocess
 import sys
 from pathlib import Path
@@ -56,7 +58,42 @@ YAML = (
     + "R: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=3, data="1., 0., 0., 0., 1., 0., 0., 0., 1.")
     + "T: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=1, data="-60., .5, 0.")
 )  # fmt: skip
-SEEDS = {
+
+
+def _glb() -> bytes:
+    """Two joints, one of which turns, and a ball; as small as can be, so that mutants meet what is read."""
+    document = {
+        "asset": {"version": "2.0", "extras": {"fps": 25, "source_unit": "mm"}},
+        "nodes": [
+            {"name": "root", "children": [1], "translation": [1, 2, 3], "rotation": [0, 0, 0, 1]},
+            {"name": "arm", "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 2, 0, 1]},
+            {"name": "ball", "mesh": 0, "scale": [1, 1, 1]},
+        ],
+        "skins": [{"joints": [0, 1]}],
+        "meshes": [{"primitives": [{"material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1]}}],
+        "animations": [
+            {
+                "channels": [{"sampler": 0, "target": {"node": 0, "path": "rotation"}}],
+                "samplers": [{"input": 0, "output": 1, "interpolation": "LINEAR"}],
+            }
+        ],
+        "buffers": [{"byteLength": 40}],
+        "bufferViews": [{"buffer": 0, "byteLength": 8}, {"buffer": 0, "byteOffset": 8, "byteLength": 32}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 2, "type": "SCALAR"},
+            {"bufferView": 1, "componentType": 5126, "count": 2, "type": "VEC4"},
+        ],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    blob = struct.pack("<10f", 0, 1, 0, 0, 0, 1, 0, 0, 1, 0)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(blob), b"BIN\0") + blob
+    return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
+
+
+SEEDS: dict[str, str | bytes] = {
+    "read_glb": _glb(),
     "read_rig": TOML,
     "read_opencv_yaml": YAML,
     "read_correspondences": "view,x,y,z,u,v,sigma,camera\n" + "1,0.5,1e-3,-2,10.25,20.5,0.1,left\n" * 8,
@@ -116,7 +153,7 @@ def _mutant(seed: bytes, rng: random.Random) -> bytes:
 @pytest.mark.parametrize("reader", SEEDS)
 def test_only_our_errors_leave_a_reader(tmp_path, reader):
     rng = random.Random(f"jaxmocap {reader}")
-    seed = SEEDS[reader].encode()
+    seed = SEEDS[reader] if isinstance(SEEDS[reader], bytes) else SEEDS[reader].encode()
     whole = tmp_path / "whole"
     whole.write_bytes(seed)
     paths = []
