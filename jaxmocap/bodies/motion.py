@@ -49,7 +49,7 @@ class SkeletonMotion:
         for name, value in values.items():
             if np.isinf(value).any():
                 raise InputError(f"{name}: expected finite numbers, or NaN where something is missing, got infinity")
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, np.array(value))  # JAX lends its memory read-only, which scipy refuses
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise InputError(f"fps: expected a positive number, got {self.fps}")
         if not self.unit.strip():

@@ -1,5 +1,7 @@
-"""From files to the scene that the page shows: motions, points, rigs, alone or together."""
+"""From files to the scene that the page shows: motions, points, rigs, turntables, alone or together."""
 
+import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +12,11 @@ from scipy.spatial.transform import Rotation
 from jaxmocap._errors import InputError
 from jaxmocap.io import RigFile, read_glb, read_points, read_rig
 from jaxmocap.io.length_units import METRES, unit_factor
-from jaxmocap.viewer import CameraView, Markers, Skeleton, ViewerScene
+from jaxmocap.io.turntable_file import TurntableFile, read_turntable
+from jaxmocap.viewer import Axis, CameraView, Markers, Skeleton, ViewerScene
+
+_NARROW = np.array([[-0.35, -0.25, 1], [0.35, -0.25, 1], [0.35, 0.25, 1], [-0.35, 0.25, 1]])
+"""Corners of a picture whose camera nobody described: about 40 by 28 degrees."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +31,11 @@ def view_scene(paths: Sequence[str | Path], *, unit: str | None = None, up: str 
     """The scene of one file, or of several that share a world.
 
     Args:
-        paths: motions (.glb), tables of points (.csv), rigs (.toml).
+        paths: motions (.glb), tables of points (.csv), rigs or turntables (.toml). A turntable beside a rig of one
+            camera shows that camera at every angle.
         unit: of lengths in tables, which do not say; None: that of the files beside them, or none.
-        up: axis of the world that points up; None: what a file says, y for motions and points, and -y for rigs that
-            do not say (their first camera's y points down).
+        up: axis of the world that points up; None: what a file says, y for motions, points and turntables, and -y
+            for rigs that do not say (their first camera's y points down).
 
     Returns:
         The scene.
@@ -37,14 +44,16 @@ def view_scene(paths: Sequence[str | Path], *, unit: str | None = None, up: str 
         InputError: for a file that cannot be read or shown, two of a kind, or units that do not go together.
     """
     if not paths:
-        raise InputError("expected a file to show: a .glb, a table of points (.csv), a rig (.toml)")
+        raise InputError("expected a file to show: a .glb, a table of points (.csv), a rig or a turntable (.toml)")
     kinds = [_kind(path) for path in paths]
     for kind in set(kinds):
         if kinds.count(kind) > 1:
             raise InputError(f"{kinds.count(kind)} files are each a {kind}; show one of a kind at a time")
     by_kind = dict(zip(kinds, paths))
     rig = read_rig(by_kind["rig"]) if "rig" in by_kind else None
-    parts = [_of_kind(kind, path, rig) for kind, path in by_kind.items()]
+    parts = [
+        _of_kind(kind, path, rig if "turntable" in by_kind or kind == "rig" else None) for kind, path in by_kind.items()
+    ]
     return _together([part for part in parts if part is not None], paths, unit, up)
 
 
@@ -55,8 +64,12 @@ def _kind(path: str | Path) -> str:
     if suffix == ".csv":
         return "table of points"
     if suffix != ".toml":
-        raise InputError(f"{path}: expected a .glb, a table of points (.csv), a rig (.toml)")
-    return "rig"
+        raise InputError(f"{path}: expected a .glb, a table of points (.csv), a rig or a turntable (.toml)")
+    try:
+        keys = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        keys = {}  # the reader of rigs says what is wrong with it
+    return "turntable" if "distance" in keys and "rotation" in keys else "rig"
 
 
 def _of_kind(kind: str, path: str | Path, rig: RigFile | None) -> _Seen | None:
@@ -64,6 +77,8 @@ def _of_kind(kind: str, path: str | Path, rig: RigFile | None) -> _Seen | None:
         return _motion(path)
     if kind == "table of points":
         return _points(path)
+    if kind == "turntable":
+        return _turntable(path, read_turntable(path), rig)
     assert rig is not None
     return _rig(rig)
 
@@ -96,8 +111,8 @@ def _rig(rig: RigFile) -> _Seen:
     views = []
     for named in rig.cameras:
         pose = named.camera.T_camera_world
-        R_world_camera = Rotation.from_rotvec(np.asarray(pose.rotvec)).inv()
-        centre = -R_world_camera.apply(np.asarray(pose.translation))
+        R_world_camera = Rotation.from_rotvec(np.array(pose.rotvec)).inv()
+        centre = -R_world_camera.apply(np.array(pose.translation))
         views.append(CameraView(named.name, centre, R_world_camera.apply(_corners(rig, len(views)))))
     return _Seen(ViewerScene("", up=rig.up or "-y", cameras=tuple(views), notes=rig.warnings), rig.unit)
 
@@ -111,6 +126,25 @@ def _corners(rig: RigFile, number: int) -> np.ndarray:
     y = (v - float(k.cy)) / float(k.fy)
     x = (u - float(k.cx) - float(k.skew) * y) / float(k.fx)
     return np.stack([x, y, np.ones(4)], axis=1)
+
+
+def _turntable(path: str | Path, table: TurntableFile, rig: RigFile | None) -> _Seen:
+    """The camera at each angle of the file, around the world that turns with the table. Eq. 4.14-4.17."""
+    notes = []
+    if rig is not None and len(rig.cameras) != 1:
+        raise InputError(f"{path}: a turntable has one camera; the rig beside it has {len(rig.cameras)}")
+    if rig is None:
+        notes.append("How wide the camera sees is not in the file; give its camera file too.")
+    corners = _NARROW if rig is None else _corners(rig, 0)
+    R_camera0_table = Rotation.from_rotvec(table.rotation)
+    views = []
+    for degrees in sorted(set(table.angles_deg.values())) or [0.0]:
+        a = math.radians(degrees)
+        R_world_camera = (R_camera0_table * Rotation.from_rotvec([0.0, a, 0.0])).inv()
+        centre = np.array([-table.distance * math.sin(a), table.height, table.distance * math.cos(a)])
+        views.append(CameraView(f"{degrees:.4g}°", centre, R_world_camera.apply(corners)))
+    axis = Axis(np.zeros(3), np.array([0.0, 1.0, 0.0]))
+    return _Seen(ViewerScene("", cameras=tuple(views), axis=axis, notes=tuple(notes)), table.unit)
 
 
 def _together(parts: list[_Seen], paths: Sequence[str | Path], unit: str | None, up: str | None) -> ViewerScene:

@@ -81,6 +81,33 @@ def test_files_together_share_unit_and_world(files):
     assert both.markers.names == ("a", "b") and both.skeleton.names == arm().names
 
 
+TURNTABLE = "rotation = [3.141592653589793, 0.0, 0.0]\ndistance = 400.0\nheight = 80.0\n"
+ANGLES = '[angles_deg]\n"a_000.jpg" = 0.0\n"a_090.jpg" = 90.0\n[metadata]\nunit = "mm"\n'
+
+
+def test_a_turntable_has_its_camera_at_each_angle(files):
+    (files / "turntable.toml").write_text(TURNTABLE + ANGLES)
+    scene = view_scene([files / "turntable.toml"])
+    assert (scene.unit, scene.up, [c.name for c in scene.cameras]) == ("mm", "y", ["0°", "90°"])
+    # The document's table: at 0 the camera stands at (0, 80, 400), at 90 at (-400, 80, 0); it looks at the axis.
+    np.testing.assert_allclose([c.centre for c in scene.cameras], [[0, 80, 400], [-400, 80, 0]], atol=1e-9)
+    looks = [c.corners.mean(axis=0) for c in scene.cameras]
+    np.testing.assert_allclose(looks, [[0, 0, -1], [1, 0, 0]], atol=1e-9)
+    assert (scene.cameras[0].corners[0] > 0).tolist() == [False, True, False]  # top left of the picture: -x, +y
+    np.testing.assert_array_equal(scene.axis.direction, [0, 1, 0])
+    assert "give its camera file too" in scene.notes[0]
+
+
+def test_a_turntable_beside_its_camera_and_points(files):
+    (files / "turntable.toml").write_text(TURNTABLE + ANGLES)
+    (files / "camera.toml").write_text(RIG.split("[cam_right]")[0] + '[metadata]\nunit = "mm"\n')
+    scene = view_scene([files / "points.csv", files / "camera.toml", files / "turntable.toml"])
+    assert (scene.unit, scene.up, len(scene.cameras), scene.notes) == ("mm", "y", 2, ())
+    np.testing.assert_allclose(scene.cameras[0].corners[0], [-0.4, 0.3, -1], atol=1e-9)
+    with pytest.raises(InputError, match="a turntable has one camera; the rig beside it has 2"):
+        view_scene([files / "turntable.toml", files / "rig.toml"])
+
+
 def test_what_cannot_be_shown_is_refused(files):
     (files / "x.bvh").write_text("HIERARCHY")
     write_points(files / "one.csv", np.array([0]), ["a"], np.ones((1, 3)))
