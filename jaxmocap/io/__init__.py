@@ -8,6 +8,10 @@ from jaxmocap.io.bvh import write_bvh as write_bvh
 from jaxmocap.io.camera_numbers import NamedCamera as NamedCamera
 from jaxmocap.io.collada import collada_text as collada_text
 from jaxmocap.io.collada import write_collada as write_collada
+from jaxmocap.io.colours_file import ColoursFile as ColoursFile
+from jaxmocap.io.colours_file import colours_text as colours_text
+from jaxmocap.io.colours_file import read_colours as read_colours
+from jaxmocap.io.colours_file import write_colours as write_colours
 from jaxmocap.io.glb_reading import GlbTracks as GlbTracks
 from jaxmocap.io.glb_reading import read_glb as read_glb
 from jaxmocap.io.gltf import glb_bytes as glb_bytes

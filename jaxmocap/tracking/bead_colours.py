@@ -9,7 +9,7 @@ from scipy.special import gammaln
 
 from jaxmocap._arrays import check_finite, check_shape
 from jaxmocap._errors import InputError
-from jaxmocap.tracking.colour_space import VIEW_SD, cone_from_hsb, hsb_from_cone, hue_difference
+from jaxmocap.tracking.colour_space import VIEW_SD, cone_from_hsb, hsb_from_cone
 
 # The scatter that is expected of any bead (VIEW_SD) counts as much as this many photographs of it: with fewer, a
 # covariance of three numbers is not determined (it needs four) and would be too small by chance.
@@ -137,21 +137,6 @@ def covariance_of_sd(hsb: Float[np.ndarray, "3"], sd: Float[np.ndarray, "3"]) ->
     covariance[:2, :2] = s_sd**2 * np.outer(along, along) + turn_sd**2 * np.outer(across, across)
     covariance[2, 2] = max(sd[2], VIEW_SD[2] / 10) ** 2
     return covariance
-
-
-def close_pairs(colours: BeadColours, distance: float) -> list[tuple[str, str, float]]:
-    """Pairs of beads whose colours are nearer than `distance` by the document's measure, with circular hue.
-
-    Source: stop-motion document, eq. 3.7.
-    """
-    hsb, pairs = colours.hsb, []
-    for i in range(len(hsb)):
-        for j in range(i + 1, len(hsb)):
-            hue = float(hue_difference(hsb[i, 0], hsb[j, 0]))
-            apart = float(np.sqrt(hue**2 + ((hsb[i, 1:] - hsb[j, 1:]) ** 2).sum()))
-            if apart < distance:
-                pairs.append((colours.names[i], colours.names[j], apart))
-    return pairs
 
 
 def _directions(hue: float) -> tuple[np.ndarray, np.ndarray]:

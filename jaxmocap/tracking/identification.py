@@ -10,10 +10,10 @@ from scipy.optimize import linear_sum_assignment
 
 from jaxmocap._errors import InputError
 from jaxmocap.cameras.camera import Camera
-from jaxmocap.tracking.bead_colours import BeadColours, close_pairs
+from jaxmocap.tracking.bead_colours import BeadColours
 from jaxmocap.tracking.candidates import CandidateTable, stack_candidates
 from jaxmocap.tracking.colour_modes import MAX_DISTANCE, name_by_colour
-from jaxmocap.tracking.naming import MIN_MARGIN, MIN_MARGIN_ALONE, Names, name_things
+from jaxmocap.tracking.naming import MIN_MARGIN, MIN_MARGIN_ALONE, Names, look_alike, name_things
 from jaxmocap.tracking.rounds import GATE, Refine, tighten
 from jaxmocap.tracking.tracks import Tracks, point_of, trimmed, without_doubles
 from jaxmocap.tracking.views import PhotoViews, look
@@ -175,9 +175,7 @@ def _problems(names: Names, tracks: Tracks, index: np.ndarray) -> tuple[str, ...
     missing = [n for m, n in enumerate(names.colours.names) if names.rival[m] < 0]
     if missing:
         said.append(f"Not found in two photographs: {', '.join(missing)}. Add photographs at other angles.")
-    for a, b, apart in close_pairs(names.colours, 0.05):
-        said.append(f"{a} and {b} have nearly the same colour (distance {apart:.3f}). Repaint one of them.")
-    return tuple(said)
+    return (*said, *look_alike(names.colours))
 
 
 def _plain_result(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import binom
+from scipy.special import gammaln
 
 from jaxmocap._errors import InputError
 from jaxmocap.tracking.bead_colours import BeadColours, ColourDensity
@@ -104,6 +104,25 @@ def under_light(colours: BeadColours, gains: Float[np.ndarray, "3"]) -> BeadColo
     return BeadColours(colours.names, hsb, colours.sd, colours.covariance, colours.n)
 
 
+def look_alike(colours: BeadColours) -> tuple[str, ...]:
+    """Sentences about pairs of beads that colour cannot tell apart as surely as a name needs.
+
+    Source: the margin of `name_things` for two tracks that have just the reference colours.
+    """
+    own = colours.density_of(1)
+    log_density = own.log_density(colours.cone)
+    said = []
+    for i in range(len(colours.names)):
+        for j in range(i + 1, len(colours.names)):
+            straight, swapped = log_density[i, i] + log_density[j, j], log_density[i, j] + log_density[j, i]
+            if straight - swapped < MIN_MARGIN:
+                said.append(
+                    f"{colours.names[i]} and {colours.names[j]} have nearly the same colour, so that names cannot be "
+                    "sure. Repaint one of them and learn the colours anew."
+                )
+    return tuple(said)
+
+
 def _costs(
     cone: np.ndarray, views: np.ndarray, photos: int, support: np.ndarray, colours: BeadColours, blur: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -113,7 +132,8 @@ def _costs(
         density = colours.density_of(int(n))
         density = ColourDensity(density.mean, density.covariance * blur**2, density.freedom)
         cost[views == n] = -density.log_density(cone[views == n])
-    seen = binom.logpmf(views, photos, 0.5) - binom.logpmf(photos // 2, photos, 0.5)
+    half = photos // 2  # binomial with one half, over its mode
+    seen = gammaln(half + 1) + gammaln(photos - half + 1) - gammaln(views + 1) - gammaln(photos - views + 1)
     return cost - (support + seen)[:, None], -(np.logaddexp(support + _FOREIGN_THING, 0.0) + _FOREIGN)
 
 

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import linear_sum_assignment
-from scipy.special import gammaln
-from scipy.stats import chi2
+from scipy.special import chdtri, gammaln
 
 from jaxmocap.tracking.candidates import CandidateTable
 from jaxmocap.tracking.colour_space import VIEW_SD
 from jaxmocap.tracking.views import PhotoViews, meet
 
-_COLOUR_LIMIT = float(chi2.ppf(0.999, 3))  # largest squared distance of two colours of one bead [VIEW_SD^2]
+_COLOUR_LIMIT = float(chdtri(3, 0.001))  # largest squared distance of two colours of one bead [VIEW_SD^2]
 _MIN_ANGLE = np.radians(5.0)  # rays nearer to parallel leave the depth open
 _POLISH = 4  # passes of point -> members -> point; more change nothing (members repeat)
 

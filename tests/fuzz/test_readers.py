@@ -58,6 +58,16 @@ YAML = (
     + "R: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=3, data="1., 0., 0., 0., 1., 0., 0., 0., 1.")
     + "T: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=1, data="-60., .5, 0.")
 )  # fmt: skip
+COLOURS = """\
+[colours]
+"head.1" = { h = 0.499, s = 0.176, b = 0.754, sd = [0.02, 0.03, 0.1], n = 7 }
+head.2 = { h = 0.303, s = 0.611, b = 0.607 }
+"arm.L1" = { h = 0.5, s = 0.2, b = 0.8, n = 3, covariance = [0.001, 0.0, 0.001, 0.0, 0.0002, 0.01] }
+[metadata]
+schema = 1
+[metadata.inputs]
+"tpose_000.jpg" = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+"""
 
 
 def _glb() -> bytes:
@@ -94,6 +104,7 @@ def _glb() -> bytes:
 
 SEEDS: dict[str, str | bytes] = {
     "read_glb": _glb(),
+    "read_colours": COLOURS,
     "read_rig": TOML,
     "read_opencv_yaml": YAML,
     "read_correspondences": "view,x,y,z,u,v,sigma,camera\n" + "1,0.5,1e-3,-2,10.25,20.5,0.1,left\n" * 8,

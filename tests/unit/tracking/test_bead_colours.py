@@ -3,12 +3,10 @@ import pytest
 from scipy.stats import multivariate_t
 
 from jaxmocap._errors import InputError
-from jaxmocap.bodies.puppet import DOCUMENT_COLOURS
 from jaxmocap.tracking.bead_colours import (
     PRIOR_VIEWS,
     TURN_SD,
     BeadColours,
-    close_pairs,
     covariance_of_sd,
     learn_colours,
     sd_of_covariance,
@@ -46,15 +44,6 @@ def test_scatter_of_hue_becomes_scatter_across_and_back():
     covariance = covariance_of_sd(hsb, np.array([0.01, 0.03, 0.05]))
     assert np.allclose(covariance, np.diag([(2 * np.pi * 0.5 * 0.01) ** 2, 0.03**2, 0.05**2]))
     assert np.allclose(sd_of_covariance(hsb, covariance), [0.01, 0.03, 0.05])
-
-
-def test_close_pairs_of_the_document():
-    colours = BeadColours.of(DOCUMENT_COLOURS)
-    pairs = {frozenset(pair[:2]) for pair in close_pairs(colours, 0.14)}
-    # head.2 (.303 .611 .607) and leg.L3 (.286 .505 .515): sqrt(.017^2 + .106^2 + .092^2) = 0.1414 is not below 0.14;
-    # torso.2 (.187 .633 .706) and arm.R3 (.240 .619 .675): sqrt(.053^2 + .014^2 + .031^2) = 0.063 is
-    assert frozenset(("torso.2", "arm.R3")) in pairs and frozenset(("head.2", "leg.L3")) not in pairs
-    assert close_pairs(colours, 0.05) == []
 
 
 @pytest.mark.parametrize(
