@@ -100,11 +100,15 @@ def _first_other(owners: NDArray[np.int32], points: Floats, owner: NDArray[np.in
 def _sample(rgb: NDArray[np.float32], points: Floats) -> NDArray[np.float32]:
     """Colours at sub-pixel positions (..., 2), linear between pixels, border repeated: (..., 3)."""
     flat = points.astype(np.float32).reshape(points.shape[0] * points.shape[1], -1, 2)
-    sampled = cv2.remap(rgb, flat[..., 0], flat[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return sampled.reshape(*points.shape[:-1], 3)
+    # cv2.remap refuses more than 32766 rows: a photo with hundreds of bright spots has more rays.
+    sampled = [
+        cv2.remap(rgb, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        for part in np.array_split(flat, len(flat) // 32766 + 1)
+    ]
+    return np.concatenate(sampled).reshape(*points.shape[:-1], 3)
 
 
-def _ownness(colours: NDArray[np.float32], seeds: Seeds) -> NDArray[np.float32]:
+def _ownness(colours: NDArray[np.float32], seeds: Seeds) -> Floats:
     """Brightness as a fraction of the bead's own, 0 where a bright pixel is of another colour.
 
     In linear light shading and a blurred edge move a colour along the line from the background's to the bead's; a
