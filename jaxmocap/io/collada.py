@@ -98,9 +98,9 @@ def collada_text(
     body = ElementTree.tostring(document, encoding="unicode")
     dropped = [name for name in take.motion.names if name not in joints.names]
     more = ["rotations" if turned else "translations only"]
-    more += [f"without {', '.join(dropped)}, which has no length"] if dropped else []
+    more += [f"without {', '.join(dropped)} (no length)"] if dropped else []
     more += ["one unit is taken for a metre by programs that need one"] if take.motion.unit == "1" else []
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n', take.sentence(*more)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{body}\n', take.sentence(*more, joints=len(joints.names))
 
 
 def _asset(take: Take) -> _Element:

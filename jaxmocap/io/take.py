@@ -36,14 +36,15 @@ class Take:
         """Joints that hang on this one."""
         return [child for child, parent in enumerate(self.motion.parents) if parent == joint]
 
-    def sentence(self, *more: str) -> str:
-        """What a file holds, in one sentence; `more` clauses follow."""
+    def sentence(self, *more: str, joints: int | None = None) -> str:
+        """What a file holds, in one sentence; `more` clauses follow. `joints`: how many it holds, if not all."""
         m = self.motion
-        joints = f"{len(m.names)} joint{'s' * (len(m.names) != 1)}"
+        n = len(m.names) if joints is None else joints
+        written = f"{n} joint{'s' * (n != 1)}"
         frames = f"{m.frames} frames at {m.fps:.6g} frames per second" if m.frames > 1 else "1 frame"
         unit = "lengths without a physical unit" if m.unit == "1" else f"lengths in {m.unit}"
         bridged = [f"{self.bridged} missing values interpolated"] if self.bridged else []
-        return ", ".join([joints, frames, unit, "y up", *bridged, *more]) + "."
+        return ", ".join([written, frames, unit, "y up", *bridged, *more]) + "."
 
 
 def prepare_take(motion: SkeletonMotion, *, unit: str | None, up: str, fps: float | None, gaps: int) -> Take:

@@ -24,19 +24,21 @@ def _missing(reason: str) -> None:
 
 @pytest.fixture(scope="session")
 def launch() -> Iterator[Callable[..., Any]]:
-    """Starts the machine's own Chromium with further arguments."""
-    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    if program is None:
-        _missing("no chromium on this machine: the page is not looked at")
+    """Starts Chromium, the machine's own if it has one, with further arguments."""
     try:
-        from playwright.sync_api import sync_playwright
+        from playwright.sync_api import Error, sync_playwright
     except ImportError:
         _missing("playwright is not installed: the page is not looked at")
+    # None: the browser that playwright itself may have downloaded.
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
     with sync_playwright() as playwright:
         started = []
 
         def start(*more: str) -> Any:
-            started.append(playwright.chromium.launch(executable_path=program, args=[*ARGUMENTS, *more]))
+            try:
+                started.append(playwright.chromium.launch(executable_path=program, args=[*ARGUMENTS, *more]))
+            except Error as error:
+                _missing(f"no browser that starts, so the page is not looked at: {str(error).splitlines()[0]}")
             return started[-1]
 
         yield start
