@@ -1,11 +1,11 @@
 """Points in space and the puppet's skeleton from what cameras saw."""
 
+from jaxmocap.reconstruction.bone_directions import bone_directions as bone_directions
 from jaxmocap.reconstruction.refinement import RefinedPoint as RefinedPoint
 from jaxmocap.reconstruction.refinement import ViewVerdict as ViewVerdict
 from jaxmocap.reconstruction.refinement import name_wrong_views as name_wrong_views
 from jaxmocap.reconstruction.refinement import refine_point as refine_point
 from jaxmocap.reconstruction.skeleton import SkeletonPose as SkeletonPose
-from jaxmocap.reconstruction.skeleton import bone_directions as bone_directions
 from jaxmocap.reconstruction.skeleton import bone_translations as bone_translations
 from jaxmocap.reconstruction.skeleton import motion_from_poses as motion_from_poses
 from jaxmocap.reconstruction.skeleton import skeleton_from_markers as skeleton_from_markers

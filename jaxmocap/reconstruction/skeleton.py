@@ -26,12 +26,19 @@ from jaxmocap.bodies.motion import SkeletonMotion
 from jaxmocap.bodies.puppet import BONES, JOINTS, MARKERS, RIG_JOINTS, RIG_PARENTS, rig_parents
 from jaxmocap.bodies.tree import KinematicTree
 from jaxmocap.geometry import rotation
+from jaxmocap.reconstruction.bone_directions import (
+    TURNED_AWAY,
+    bone_directions,
+    document_foot,
+    document_shoulders,
+    facing,
+    repaired_cross,
+    unit_or,
+)
 
 BONE_NAMES = JOINTS[1:]
 """All bones, in the order of the document's hierarchy; they carry the name of the joint at their end."""
 
-_M1 = np.array([MARKERS.index(bone.m1) for bone in BONES])
-_M2 = np.array([MARKERS.index(bone.m2) for bone in BONES])
 _ROW = {bone.name: i for i, bone in enumerate(BONES)}
 _RIG = {name: i for i, name in enumerate(RIG_JOINTS)}
 _REST_DIRECTIONS = np.array([puppet.REST_DIRECTIONS[name] for name in BONE_NAMES])
@@ -52,14 +59,6 @@ def _bones_to_joint() -> np.ndarray:
 
 _BONES_TO_JOINT = _bones_to_joint()
 
-# Nearer than this to the direction in which a printed cross product vanishes, the repaired convention turns over to
-# the undisturbed one. An error of a bone's direction is enlarged by 1 / sin of the distance: here three times.
-_NEAR = np.sin(np.radians(20.0))
-
-# The document's puppet faces the camera at angle 0 and its legs may swing; beyond this its left side is no longer
-# the world's, whichever way the legs stand.
-_TURNED_AWAY = np.radians(45.0)
-
 
 class SkeletonPose(eqx.Module):
     """A pose of the puppet.
@@ -77,7 +76,7 @@ class SkeletonPose(eqx.Module):
     """False where beads were missing or a printed formula has no value; the direction is then the parent's."""
 
 
-class _Frames(NamedTuple):
+class BodyFrames(NamedTuple):
     """Orientation of the parts of the body in the world."""
 
     root: Array
@@ -89,88 +88,12 @@ class _Frames(NamedTuple):
     feet: Array
 
 
-def _unit(v: Vector3, instead: Vector3, floor: float | Scalar = 1e-12) -> tuple[Vector3, Flag]:
-    """V / |v| and True, or the other vector and False; no derivative is ever infinite."""
-    squared = jnp.sum(v * v)
-    good = squared > floor**2
-    length = jnp.sqrt(jnp.where(good, squared, 1.0))
-    return jnp.where(good, v / length, instead), good
-
-
-def bone_directions(
-    points: Float[Array, "markers 3"], seen: Bool[Array, "markers"]
-) -> tuple[Float[Array, "bones 3"], Bool[Array, "bones"]]:
-    """Directions of the bones with beads, in the order of `puppet.BONES`.
-
-    Args:
-        points: beads in the order of `puppet.MARKERS` [scene]; any finite numbers where not seen.
-        seen: which beads there are.
-
-    Returns:
-        unit vectors (the rest direction where a bead is missing or both stand on one spot), which are valid.
-    Source: stop-motion document, eq. 3.1, 3.2 and 6.1.
-    """
-    rest = jnp.array([puppet.REST_DIRECTIONS[bone.name] for bone in BONES])
-    a = jnp.where((seen[_M1] & seen[_M2])[:, None], points[_M2] - points[_M1], 0.0)
-    return jax.vmap(_unit)(a, rest)
-
-
 def bone_translations(directions: Float[Array, "bones 3"], lengths: Float[Array, "bones"]) -> Float[Array, "bones 3"]:
     """Translation of each bone's joint from its parent's, in the axes of the world [scene].
 
     Source: stop-motion document, eq. 6.2-6.3.
     """
     return lengths[:, None] * directions
-
-
-def document_foot(leg: Vector3) -> tuple[Vector3, Flag]:
-    """Direction of a foot as printed, leg x (1, 0, 0) / |...|; not valid for a leg along x.
-
-    Source: stop-motion document, eq. 6.4.
-    """
-    return _unit(jnp.cross(leg, jnp.array(_X)), jnp.array(_Z), 1e-9)
-
-
-def document_shoulders(upper_back: Vector3) -> tuple[Float[Array, "2 3"], Flag]:
-    """Directions of left and right shoulder as printed, upper back x (0, 0, +-1) / |...|; not valid along z.
-
-    Source: stop-motion document, eq. 6.5-6.6 (6.6 is printed as a translation; a direction is meant).
-    """
-    left, valid = _unit(jnp.cross(upper_back, jnp.array(_Z)), jnp.array(_X), 1e-9)
-    return jnp.stack([left, -left]), valid
-
-
-def _repaired(bone: Vector3, axis: Vector3, calm: Vector3) -> Vector3:
-    """Bone x axis / |...| without its faults: on the side of `calm`, and `calm` itself where it vanishes.
-
-    `calm` is what an undisturbed turn of the parent gives, perpendicular to the bone.
-    """
-    c = jnp.cross(bone, axis)
-    printed, good = _unit(c, calm, 1e-9)
-    side = jnp.where(jnp.sum(printed * calm) < 0, -1.0, 1.0)
-    t = jnp.clip(jnp.sqrt(jnp.where(good, jnp.sum(c * c), 0.0) + 1e-30) / _NEAR, 0.0, 1.0)
-    weight = t * t * (3.0 - 2.0 * t)
-    return _unit(weight * side * printed + (1.0 - weight) * calm, calm)[0]
-
-
-def facing(points: Float[Array, "markers 3"], seen: Bool[Array, "markers"]) -> tuple[Scalar, Flag]:
-    """Angle about y by which the puppet is turned from facing the camera at angle 0, as its left and right beads say.
-
-    Args:
-        points: beads in the order of `puppet.MARKERS` [scene].
-        seen: which beads there are.
-
-    Returns:
-        angle [rad] (swung limbs make it uncertain by some 10 degrees), False if no pair was seen.
-    Source: stop-motion document, 4.2.1 (x is the puppet's left).
-    """
-    weight_of = {"leg.{}1": 1.0, "leg.{}2": 0.25, "arm.{}1": 1.0, "arm.{}2": 0.25}  # upper beads swing less
-    pairs = [(MARKERS.index(n.format("L")), MARKERS.index(n.format("R"))) for n in weight_of]
-    left, right = np.array(pairs).T
-    weight = jnp.array(list(weight_of.values())) * (seen[left] & seen[right]).astype(float)
-    d = jnp.sum(weight[:, None] * jnp.where((weight > 0)[:, None], points[left] - points[right], 0.0), axis=0)
-    known = d[0] ** 2 + d[2] ** 2 > 1e-18
-    return jnp.arctan2(jnp.where(known, -d[2], 0.0), jnp.where(known, d[0], 1.0)), known
 
 
 def _turn_about_y(angle: Scalar) -> Array:
@@ -196,15 +119,15 @@ def _pair(part: str, given: Array, valid: Array) -> tuple[Array, Array]:
     return given[rows], valid[rows]
 
 
-def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoulder_line: Vector3 | None) -> _Frames:
+def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoulder_line: Vector3 | None) -> BodyFrames:
     """Frames of all parts; each step hangs on the one before."""
     left_x, up, front = np.stack([_X, -_X]), np.stack([_Y, _Y]), np.stack([_Z, _Z])
     back_row, head_row = _ROW["upper-back-joint"], _ROW["head-joint"]
     back_swing, back = _swing(R_root, jnp.array(_Y), jnp.array(_X), given[back_row], valid[back_row])
     calm = back_swing[:, 0]
-    shoulder = document_shoulders(back)[0][0] if literal else _repaired(back, R_root[:, 2], calm)
+    shoulder = document_shoulders(back)[0][0] if literal else repaired_cross(back, R_root[:, 2], calm)
     if shoulder_line is not None:
-        shoulder = _unit(shoulder_line - back * jnp.sum(back * shoulder_line), shoulder)[0]
+        shoulder = unit_or(shoulder_line - back * jnp.sum(back * shoulder_line), shoulder)[0]
     # A literal shoulder may not be perpendicular to the back where it has no value; then the swing's is used.
     upright = jnp.abs(jnp.sum(shoulder * back)) < 1e-6
     torso = jnp.where(upright, _frame(shoulder, back), back_swing)
@@ -219,12 +142,12 @@ def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoul
         toes, there = jax.vmap(document_foot)(leg)
         toes = jnp.where(there[:, None], toes, shank @ front[0])
     else:
-        toes = jax.vmap(_repaired, (0, None, 0))(leg, R_root[:, 0], shank[:, :, 2])
+        toes = jax.vmap(repaired_cross, (0, None, 0))(leg, R_root[:, 0], shank[:, :, 2])
     feet = jax.vmap(lambda y, z: jnp.stack([jnp.cross(y, z), y, z], axis=1))(-leg, toes)
-    return _Frames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
+    return BodyFrames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
 
 
-def _world_rotations(f: _Frames) -> Float[Array, "joints 3 3"]:
+def world_rotations(f: BodyFrames) -> Float[Array, "joints 3 3"]:
     """Orientation of every joint of the rig in the world."""
     world = {"root-joint": f.root, "lower-back-joint": f.torso, "upper-back-joint": f.torso}
     world |= {puppet.NECK: f.head, "head-joint": f.head}
@@ -256,7 +179,7 @@ def world_directions(R_world_joint: Float[Array, "joints 3 3"]) -> Float[Array, 
     return jnp.sum(R_world_joint[above] * jnp.array(_REST_DIRECTIONS)[:, None, :], axis=2)
 
 
-def _valid_bones(with_beads: Array, literal: bool, f: _Frames) -> Bool[Array, "bones"]:
+def _valid_bones(with_beads: Array, literal: bool, f: BodyFrames) -> Bool[Array, "bones"]:
     """Pelvis: always; bones with beads: where seen; the others as the bone they hang on."""
     said = {bone.name: with_beads[i] for i, bone in enumerate(BONES)}
     always = jnp.array(True)
@@ -304,6 +227,49 @@ def _root_position(points: Array, seen: Array, p_joint: Array) -> Vector3:
     return jnp.stack([jnp.zeros_like(y), y, jnp.zeros_like(y)])
 
 
+def body_frames(
+    points: Float[Array, "markers 3"],
+    seen: Bool[Array, "markers"],
+    *,
+    literal: bool = False,
+    yaw: Scalar | None = None,
+    shoulder_line: Vector3 | None = None,
+) -> tuple[BodyFrames, Bool[Array, "10"]]:
+    """Orientation of every part of the body, and which of `puppet.BONES` are valid; arguments as below.
+
+    Source: stop-motion document, eq. 6.1, 6.4-6.6.
+    """
+    given, with_beads = bone_directions(points, seen)
+    if literal:
+        turn = jnp.zeros(())
+    elif yaw is None:
+        measured, known = facing(points, seen)
+        turn = jnp.where(known & (jnp.abs(measured) > TURNED_AWAY), measured, 0.0)
+    else:
+        turn = yaw
+    frames = _pose_frames(given, with_beads, _turn_about_y(turn), literal, shoulder_line)
+    return frames, with_beads
+
+
+def skeleton_of_frames(
+    frames: BodyFrames,
+    with_beads: Bool[Array, "10"],
+    points: Float[Array, "markers 3"],
+    seen: Bool[Array, "markers"],
+    lengths: Float[Array, "bones"],
+    literal: bool = False,
+) -> SkeletonPose:
+    """The pose whose parts are oriented as given; the root stands where knees and elbows are level with their beads.
+
+    Source: stop-motion document, 6.1-6.2.
+    """
+    R = world_rotations(frames)
+    directions = world_directions(R)
+    p_joint = jnp.array(_BONES_TO_JOINT) @ bone_translations(directions, lengths)
+    root = _root_position(points, seen, p_joint)
+    return SkeletonPose(local_rotations(R), root, directions, _valid_bones(with_beads, literal, frames))
+
+
 def skeleton_from_markers(
     points: Float[Array, "markers 3"],
     seen: Bool[Array, "markers"],
@@ -339,20 +305,8 @@ def skeleton_from_markers(
             f"points, lengths: expected ({len(MARKERS)}, 3) and ({len(BONE_NAMES)},), "
             f"got {points.shape} and {lengths.shape}"
         )
-    given, with_beads = bone_directions(points, seen)
-    if literal:
-        turn = jnp.zeros(())
-    elif yaw is None:
-        measured, known = facing(points, seen)
-        turn = jnp.where(known & (jnp.abs(measured) > _TURNED_AWAY), measured, 0.0)
-    else:
-        turn = yaw
-    frames = _pose_frames(given, with_beads, _turn_about_y(turn), literal, shoulder_line)
-    R = _world_rotations(frames)
-    directions = world_directions(R)
-    p_joint = jnp.array(_BONES_TO_JOINT) @ bone_translations(directions, lengths)
-    root = _root_position(points, seen, p_joint)
-    return SkeletonPose(local_rotations(R), root, directions, _valid_bones(with_beads, literal, frames))
+    frames, with_beads = body_frames(points, seen, literal=literal, yaw=yaw, shoulder_line=shoulder_line)
+    return skeleton_of_frames(frames, with_beads, points, seen, lengths, literal)
 
 
 def motion_from_poses(poses: SkeletonPose, lengths: np.ndarray, unit: str, fps: float = 25.0) -> SkeletonMotion:
