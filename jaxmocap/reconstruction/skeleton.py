@@ -121,7 +121,7 @@ def _pair(part: str, given: Array, valid: Array) -> tuple[Array, Array]:
 
 def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoulder_line: Vector3 | None) -> BodyFrames:
     """Frames of all parts; each step hangs on the one before."""
-    left_x, up, front = np.stack([_X, -_X]), np.stack([_Y, _Y]), np.stack([_Z, _Z])
+    left_x, up = np.stack([_X, -_X]), np.stack([_Y, _Y])
     back_row, head_row = _ROW["upper-back-joint"], _ROW["head-joint"]
     back_swing, back = _swing(R_root, jnp.array(_Y), jnp.array(_X), given[back_row], valid[back_row])
     calm = back_swing[:, 0]
@@ -137,14 +137,25 @@ def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoul
     upper_arm, _ = _swings(both(torso), left_x, up, *elbow)
     lower_arm, _ = _swings(upper_arm, left_x, up, *hand)
     thigh, _ = _swings(both(R_root), -up, left_x[[0, 0]], *knee)
-    shank, leg = _swings(thigh, -up, left_x[[0, 0]], *foot)
+    shank, _ = _swings(thigh, -up, left_x[[0, 0]], *foot)
+    feet = feet_frames(shank, R_root, literal)
+    return BodyFrames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
+
+
+def feet_frames(
+    R_world_shanks: Float[Array, "2 3 3"], R_world_root: Float[Array, "3 3"], literal: bool = False
+) -> Float[Array, "2 3 3"]:
+    """Orientation of both feet: toes (z) forwards, perpendicular to the lower leg (-y).
+
+    Source: stop-motion document, eq. 6.4.
+    """
+    leg, calm = -R_world_shanks[:, :, 1], R_world_shanks[:, :, 2]
     if literal:
         toes, there = jax.vmap(document_foot)(leg)
-        toes = jnp.where(there[:, None], toes, shank @ front[0])
+        toes = jnp.where(there[:, None], toes, calm)
     else:
-        toes = jax.vmap(repaired_cross, (0, None, 0))(leg, R_root[:, 0], shank[:, :, 2])
-    feet = jax.vmap(lambda y, z: jnp.stack([jnp.cross(y, z), y, z], axis=1))(-leg, toes)
-    return BodyFrames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
+        toes = jax.vmap(repaired_cross, (0, None, 0))(leg, R_world_root[:, 0], calm)
+    return jnp.stack([jnp.cross(-leg, toes), -leg, toes], axis=2)
 
 
 def world_rotations(f: BodyFrames) -> Float[Array, "joints 3 3"]:
