@@ -3,6 +3,9 @@
 from jaxmocap.io.atomic import write_bytes as write_bytes
 from jaxmocap.io.atomic import write_many as write_many
 from jaxmocap.io.atomic import write_text as write_text
+from jaxmocap.io.bones_file import BonesFile as BonesFile
+from jaxmocap.io.bones_file import read_bones as read_bones
+from jaxmocap.io.bones_file import write_bones as write_bones
 from jaxmocap.io.bvh import bvh_text as bvh_text
 from jaxmocap.io.bvh import write_bvh as write_bvh
 from jaxmocap.io.camera_numbers import NamedCamera as NamedCamera

@@ -109,6 +109,7 @@ SEEDS: dict[str, str | bytes] = {
     "read_opencv_yaml": YAML,
     "read_correspondences": "view,x,y,z,u,v,sigma,camera\n" + "1,0.5,1e-3,-2,10.25,20.5,0.1,left\n" * 8,
     "read_observations": "frame,camera,marker,u,v,sigma\n" + '3,"cam 1",,10.25,20.5,0.1\n' * 8,
+    "read_bones": 'unit = "mm"\n[lengths]\nl-elbow-joint = 33.5\nr-elbow-joint = 33\nhead-joint = 1e1\n',
     "read_points": "frame,marker,x,y,z,sigma_x,sigma_y,sigma_z,views\n"
     + "".join(f'{i},"head.1",10.25,-20.5,1e-3,0.1,,0.3,12\n' for i in range(8)),
 }
