@@ -97,5 +97,5 @@ def _length(path: str | Path, name: str, value: Any) -> float:
 
 
 def _near(word: str, known: Any) -> str:
-    close = nearest(word, known)
+    close = f"{word}-joint" if f"{word}-joint" in known else nearest(word, known)
     return f" Did you mean {close!r}?" if close else ""

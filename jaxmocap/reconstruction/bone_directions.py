@@ -96,3 +96,16 @@ def facing(points: Float[Array, "markers 3"], seen: Bool[Array, "markers"]) -> t
     d = jnp.sum(weight[:, None] * jnp.where((weight > 0)[:, None], points[left] - points[right], 0.0), axis=0)
     known = d[0] ** 2 + d[2] ** 2 > 1e-18
     return jnp.arctan2(jnp.where(known, -d[2], 0.0), jnp.where(known, d[0], 1.0)), known
+
+
+def bend(a: Vector3, b: Vector3) -> Scalar:
+    """Angle between two unit directions [rad], 0..pi; its derivative is zero where they are parallel.
+
+    Source: stop-motion document, 6.1 (a bone relative to the one it hangs on).
+    """
+    c = jnp.cross(a, b)
+    squared = jnp.sum(c * c)
+    bent = squared > 1e-24
+    sine = jnp.where(bent, jnp.sqrt(jnp.where(bent, squared, 1.0)), 0.0)
+    cosine = jnp.sum(a * b)
+    return jnp.where(bent, jnp.arctan2(sine, cosine), jnp.where(cosine < 0, jnp.pi, 0.0))

@@ -42,7 +42,7 @@ BONE_NAMES = JOINTS[1:]
 _ROW = {bone.name: i for i, bone in enumerate(BONES)}
 _RIG = {name: i for i, name in enumerate(RIG_JOINTS)}
 _REST_DIRECTIONS = np.array([puppet.REST_DIRECTIONS[name] for name in BONE_NAMES])
-_X, _Y, _Z = np.eye(3)
+_X, _Y = np.eye(3)[:2]
 
 
 def _bones_to_joint() -> np.ndarray:
@@ -100,46 +100,44 @@ def _turn_about_y(angle: Scalar) -> Array:
     return rotation.exp(jnp.stack([jnp.zeros_like(angle), angle, jnp.zeros_like(angle)]))
 
 
-def _frame(x: Vector3, y: Vector3) -> Array:
-    return jnp.stack([x, y, jnp.cross(x, y)], axis=1)
-
-
-def _swing(R_world_parent: Array, rest: Array, axis: Array, direction: Vector3, valid: Flag) -> tuple[Array, Vector3]:
-    """Frame of a bone that turns from its rest direction by the smallest turn, and its direction."""
-    a = R_world_parent @ rest
+def _swing(R_world_parent: Array, rest: Array, axis: Array, direction: Vector3, valid: Flag) -> Array:
+    """Frame of a bone that turns from its rest direction by the smallest turn."""
+    a = jnp.sum(R_world_parent * rest[None, :], axis=1)
     b = jnp.where(valid, direction, a)
-    return rotation.between(a, b, R_world_parent @ axis) @ R_world_parent, b
+    R = rotation.between(a, b, jnp.sum(R_world_parent * axis[None, :], axis=1))
+    return jnp.sum(R[:, :, None] * R_world_parent[None, :, :], axis=1)
 
 
-_swings = jax.vmap(_swing)
-
-
-def _pair(part: str, given: Array, valid: Array) -> tuple[Array, Array]:
-    rows = np.array([_ROW[f"l-{part}-joint"], _ROW[f"r-{part}-joint"]])
-    return given[rows], valid[rows]
+def _levels(R_world_parents: Array, rest: np.ndarray, given: Array, valid: Array) -> Array:
+    """Frames of bones that hang on known parents; one vmapped call per level of the body compiles quickly."""
+    # Where a bone points exactly against its rest it turns about the parent's x, arms (along x) about y.
+    axis = np.where(np.abs(rest[:, :1]) > 0.5, _Y[None], _X[None])
+    return jax.vmap(_swing)(R_world_parents, jnp.array(rest), jnp.array(axis), given, valid)
 
 
 def _pose_frames(given: Array, valid: Array, R_root: Array, literal: bool, shoulder_line: Vector3 | None) -> BodyFrames:
-    """Frames of all parts; each step hangs on the one before."""
-    left_x, up = np.stack([_X, -_X]), np.stack([_Y, _Y])
-    back_row, head_row = _ROW["upper-back-joint"], _ROW["head-joint"]
-    back_swing, back = _swing(R_root, jnp.array(_Y), jnp.array(_X), given[back_row], valid[back_row])
-    calm = back_swing[:, 0]
-    shoulder = document_shoulders(back)[0][0] if literal else repaired_cross(back, R_root[:, 2], calm)
+    """Frames of all parts, level by level from the pelvis."""
+    row = lambda *names: np.array([_ROW[f"{name}-joint"] for name in names])  # noqa: E731
+    one, two, three = (
+        row("upper-back", "l-knee", "r-knee"),
+        row("head", "l-elbow", "r-elbow", "l-foot", "r-foot"),
+        row("l-hand", "r-hand"),
+    )
+    hips = jnp.broadcast_to(R_root, (3, 3, 3))
+    back_swing, *thigh = _levels(hips, np.stack([_Y, -_Y, -_Y]), given[one], valid[one])
+    back = back_swing[:, 1]
+    shoulder = document_shoulders(back)[0][0] if literal else repaired_cross(back, R_root[:, 2], back_swing[:, 0])
     if shoulder_line is not None:
         shoulder = unit_or(shoulder_line - back * jnp.sum(back * shoulder_line), shoulder)[0]
-    # A literal shoulder may not be perpendicular to the back where it has no value; then the swing's is used.
+    # A literal shoulder is not perpendicular to the back where it has no value; then the swing's is used.
     upright = jnp.abs(jnp.sum(shoulder * back)) < 1e-6
-    torso = jnp.where(upright, _frame(shoulder, back), back_swing)
-    head, _ = _swing(torso, jnp.array(_Y), jnp.array(_X), given[head_row], valid[head_row])
-    both = lambda R: jnp.broadcast_to(R, (2, 3, 3))  # noqa: E731
-    elbow, hand, knee, foot = (_pair(p, given, valid) for p in ("elbow", "hand", "knee", "foot"))
-    upper_arm, _ = _swings(both(torso), left_x, up, *elbow)
-    lower_arm, _ = _swings(upper_arm, left_x, up, *hand)
-    thigh, _ = _swings(both(R_root), -up, left_x[[0, 0]], *knee)
-    shank, _ = _swings(thigh, -up, left_x[[0, 0]], *foot)
+    torso = jnp.where(upright, jnp.stack([shoulder, back, jnp.cross(shoulder, back)], axis=1), back_swing)
+    parents = jnp.stack([torso, torso, torso, *thigh])
+    head, *four = _levels(parents, np.stack([_Y, _X, -_X, -_Y, -_Y]), given[two], valid[two])
+    upper_arm, shank = jnp.stack(four[:2]), jnp.stack(four[2:])
+    lower_arm = _levels(upper_arm, np.stack([_X, -_X]), given[three], valid[three])
     feet = feet_frames(shank, R_root, literal)
-    return BodyFrames(R_root, torso, head, (upper_arm, lower_arm), (thigh, shank), feet)
+    return BodyFrames(R_root, torso, head, (upper_arm, lower_arm), (jnp.stack(thigh), shank), feet)
 
 
 def feet_frames(
@@ -337,6 +335,4 @@ def motion_from_poses(poses: SkeletonPose, lengths: np.ndarray, unit: str, fps: 
     Source: stop-motion document, 6.3, with rotations.
     """
     offsets = np.asarray(rig_tree(jnp.asarray(lengths)).offsets)
-    return SkeletonMotion(
-        RIG_JOINTS, rig_parents(), offsets, np.asarray(poses.rotvec), np.asarray(poses.root), unit, fps
-    )
+    return SkeletonMotion(RIG_JOINTS, rig_parents(), offsets, np.array(poses.rotvec), np.array(poses.root), unit, fps)

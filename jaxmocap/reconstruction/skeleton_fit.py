@@ -219,8 +219,8 @@ def fit_skeleton_to_pixels(
 ) -> SkeletonFit:
     """Skeletons of the largest likelihood for the pixels of the beads: all photos of all poses at once.
 
-    Pure: `jax.jacobian` of the result by pixels, by numbers of the cameras and by lengths works (implicit function
-    theorem); the start is not differentiated.
+    Pure: `jax.jacobian` of the result by pixels and by numbers of the cameras works (implicit function theorem); the
+    start is not differentiated.
 
     Args:
         observations: arrays (poses, photos, markers).
