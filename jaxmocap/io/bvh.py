@@ -1,6 +1,7 @@
 """BVH: the skeleton's rest offsets and, frame by frame, Euler angles without jumps."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -87,23 +88,25 @@ def continuous_euler(R: np.ndarray, order: tuple[int, int, int]) -> np.ndarray:
     """
     i, j, k = order
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    angles = np.zeros((len(R), 3))
-    before = np.zeros(3)
-    for frame, M in enumerate(R):
-        cosine = math.hypot(M[i, i], M[i, j])
-        b = math.atan2(sign * M[i, k], cosine)
-        if cosine > _LOCKED:
-            a, c = math.atan2(-sign * M[j, k], M[k, k]), math.atan2(-sign * M[i, j], M[i, i])
-        else:  # what is left is a turn about the axis k after a: R_j(-b) R_i(-a) R
-            a = before[0]
-            rest = (_turn(i, a) @ _turn(j, b)).T @ M
-            i2, j2 = (k + 1) % 3, (k + 2) % 3
-            c = math.atan2(rest[j2, i2], rest[i2, i2])
-        same = [np.array([a, b, c]), np.array([a + math.pi, math.pi - b, c + math.pi])]
-        near = [s + 2 * math.pi * np.round((before - s) / (2 * math.pi)) for s in same]
-        before = min(near, key=lambda s: float(np.sum((s - before) ** 2)))
-        angles[frame] = before
-    return angles
+    cosine = np.hypot(R[:, i, i], R[:, i, j])
+    b = np.arctan2(sign * R[:, i, k], cosine)
+    a = np.arctan2(-sign * R[:, j, k], R[:, k, k])
+    c = np.arctan2(-sign * R[:, i, j], R[:, i, i])
+    angles, before = [], (0.0, 0.0, 0.0)
+    for frame, (now, locked) in enumerate(zip(np.stack([a, b, c], axis=1).tolist(), (cosine <= _LOCKED).tolist())):
+        if locked:  # what is left is a turn about the axis k after the angle kept: R_j(-b) R_i(-a) R
+            rest = (_turn(i, before[0]) @ _turn(j, now[1])).T @ R[frame]
+            now = [before[0], now[1], math.atan2(rest[(k + 2) % 3, (k + 1) % 3], rest[(k + 1) % 3, (k + 1) % 3])]
+        flipped = [now[0] + math.pi, math.pi - now[1], now[2] + math.pi]  # the same rotation
+        before = min((_near(now, before), _near(flipped, before)), key=partial(math.dist, before))
+        angles.append(before)
+    return np.array(angles)
+
+
+def _near(angles: list[float], before: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The same angles, each with the whole turns that bring it nearest to the one before."""
+    a, b, c = (x + math.tau * round((y - x) / math.tau) for x, y in zip(angles, before))
+    return a, b, c
 
 
 def _turn(axis: int, angle: float) -> np.ndarray:

@@ -311,12 +311,17 @@
     };
     const keys = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     element.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || /^(INPUT|SELECT)$/.test(event.target.tagName)) return;
+      if (event.ctrlKey || event.metaKey || event.altKey || event.target.matches("input[type=range], select")) return;
       press(event);
     });
-    // In a page of its own the arrow keys work before anything has been clicked.
-    if (element.parentNode === document.body && document.body.querySelectorAll(".jaxmocap-viewer").length === 1) {
+    // In a page of its own the arrow keys work before anything has been clicked. Among other things on a page the
+    // wheel scrolls the page until the picture has been clicked.
+    if (!document.querySelector("body > :not(.jaxmocap-viewer, script)")) {
       window.addEventListener("keydown", (event) => { if (event.target === document.body) press(event); });
+    } else {
+      controls.enableZoom = false;
+      canvas.addEventListener("focus", () => { controls.enableZoom = true; });
+      canvas.addEventListener("blur", () => { controls.enableZoom = false; });
     }
     function press(event) {
       const offset = camera.position.clone().sub(controls.target);

@@ -88,6 +88,15 @@ def test_arrow_keys_turn_the_picture_and_r_brings_it_back(opened):
     np.testing.assert_array_equal(opened.picture(), before)
 
 
+def test_arrow_keys_still_turn_after_a_box_was_ticked(opened):
+    only(opened, "markers")
+    opened.page.click("text=grid")
+    before = opened.picture()
+    for _ in range(6):
+        opened.page.keyboard.press("ArrowLeft")
+    assert (np.abs(opened.picture() - before).max(axis=2) > 30).sum() > 100
+
+
 def test_the_mouse_turns_and_the_wheel_zooms(opened):
     only(opened, "markers")
     before = where(opened.picture(), 0)
