@@ -1,15 +1,10 @@
 """The page in a browser, by its pixels."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+from browser_support import open_page
 
 from jaxmocap.viewer import Axis, CameraView, Markers, Skeleton, ViewerScene, scene_page, viewer_parts
-
-sys.path.insert(0, str(Path(__file__).parent))
-from conftest import open_page
 
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 NAN = np.nan
