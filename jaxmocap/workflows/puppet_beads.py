@@ -1,0 +1,255 @@
+"""From photographs of a puppet to named beads: find, name, check the turn. No formula."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxmocap._arrays import require_x64
+from jaxmocap._errors import SolveError
+from jaxmocap.bodies.puppet import DOCUMENT_COLOURS, MARKERS
+from jaxmocap.io.colours_file import ColoursFile, read_colours
+from jaxmocap.tracking import BeadColours, Identification, identify_beads
+from jaxmocap.tracking.identification import Mode
+from jaxmocap.tracking.tpose import TPoseColours, colours_from_tpose
+from jaxmocap.vision import BeadCandidates, find_beads
+from jaxmocap.vision.photos import read_colour_photo
+from jaxmocap.workflows.puppet_scene import Angles, PuppetScene, cameras_at, check_photo_size, refiner
+
+Progress = Callable[[int, int], None]
+# A bead that stands still while the table turns by a step stays within the error of its centre; one 5 mm off the axis
+# moves by 5 px per 30 degrees in the document's build. Three sigma of a coarse centre are well between.
+_STILL_PX = 1.0
+_STILL_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class BeadPhotos:
+    """The photographs of one take and what was found in them."""
+
+    names: tuple[str, ...]
+    stated_deg: np.ndarray
+    candidates: tuple[BeadCandidates, ...]
+    inputs: Mapping[str, str]
+    """SHA-256 by file name."""
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class NamedBeads:
+    """Where every bead was seen; arrays in the order of the photographs and of `puppet.MARKERS`."""
+
+    names: tuple[str, ...]
+    stated_deg: np.ndarray
+    uv: np.ndarray
+    """(photos, markers, 2) [px]; zero where not visible."""
+    visible: np.ndarray
+    sigma: np.ndarray
+    """(photos, markers) [px]; 1 where not visible."""
+    radius: np.ndarray
+    """(photos, markers) [px]; zero where not visible."""
+    rejected: Mapping[str, np.ndarray]
+    """Candidates that bear no name, (n, 2) [px] by photograph."""
+    problems: tuple[str, ...]
+    inputs: Mapping[str, str]
+
+
+def find_in_photos(photos: Mapping[float, Path], scene: PuppetScene, progress: Progress | None = None) -> BeadPhotos:
+    """Read photographs and find beads in them.
+
+    Args:
+        photos: file by stated angle in degrees.
+        scene: whose camera took them.
+        progress: called with photos done and their number.
+
+    Returns:
+        BeadPhotos, ascending in angle.
+
+    Raises:
+        InputError: a file that is gone, damaged, without colour or of another size.
+        SolveError: no bead in any photograph.
+    """
+    names, found, inputs, notes = [], [], {}, []
+    listed = sorted(photos.items())
+    for done, (_, path) in enumerate(listed, start=1):
+        photo = read_colour_photo(path)
+        check_photo_size(photo.name, photo.size, scene)
+        candidates = find_beads(photo.rgb)
+        names.append(photo.name)
+        found.append(candidates)
+        inputs[photo.name] = photo.sha256
+        notes += photo.warnings
+        if not len(candidates.uv):
+            notes.append(f"{photo.name}: no bead was found. Is the puppet in the picture, and lit?")
+        if progress:
+            progress(done, len(listed))
+    if not any(len(c.uv) for c in found):
+        raise SolveError(
+            "No bead was found in any photograph. Check that the puppet is in the picture, the beads are lit and the "
+            "background is dark."
+        )
+    return BeadPhotos(tuple(names), np.array([a for a, _ in listed], float), tuple(found), inputs, tuple(notes))
+
+
+def colours_or_document(path: Path | None) -> tuple[BeadColours, list[str]]:
+    """Reference colours of a file, or the document's table; and what is to be said of them."""
+    if path is None:
+        return BeadColours.of(DOCUMENT_COLOURS), [
+            "No colours file was given: the beads are taken to have the colours of the document's table. Learn them "
+            "with `jaxmocap puppet colours`."
+        ]
+    content = read_colours(path)
+    return content.colours, list(content.warnings)
+
+
+def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: Mode = "best") -> NamedBeads:
+    """Give the candidates names.
+
+    Args:
+        photos: what was found.
+        scene: camera and turntable.
+        colours: references.
+        mode: see `tracking.identify_beads`.
+
+    Returns:
+        NamedBeads.
+
+    Raises:
+        SolveError: the turntable did not turn between the photographs, or turned the other way.
+    Source: stop-motion document, 3.3.
+    """
+    require_x64("Identification")
+    _refuse_still(photos)
+    result = _identify(photos, scene, colours, mode, photos.stated_deg)
+    if mode == "best" and len(photos.names) > 2 and _sure(result) < len(MARKERS) // 2:
+        mirrored = _identify(photos, scene, colours, mode, -photos.stated_deg)
+        # Half as many again: chance makes one or two beads meet, not half of the puppet.
+        if _sure(mirrored) > 1.5 * max(_sure(result), 2):
+            raise SolveError(
+                f"The turntable turned the other way: {_sure(mirrored)} beads fit together if the angles are taken as "
+                f"negative, {_sure(result)} as stated. Angles count anticlockwise seen from above, so that the "
+                "puppet's front moves to the right of the picture: rename the photos to 360 minus their angle."
+            )
+    return _named(photos, colours, result)
+
+
+def learn_from_tpose(photos: BeadPhotos, scene: PuppetScene) -> TPoseColours:
+    """Colours of the beads from a turn of the T-pose.
+
+    Raises:
+        SolveError: the turntable did not turn, or fewer than three photographs.
+    Source: stop-motion document, 3.2.
+    """
+    require_x64("Learning colours")
+    if len(photos.names) < 3:
+        raise SolveError(
+            f"{len(photos.names)} photographs of the T-pose: three or more are needed to name the beads by where they "
+            "are. Take one every 30 degrees."
+        )
+    _refuse_still(photos)
+    angles = Angles.of(photos.stated_deg)
+    cameras = cameras_at(scene, scene.turntable, angles.stated)
+    return colours_from_tpose(photos.candidates, cameras, refine=refiner(scene, angles))
+
+
+def colours_file(found: TPoseColours, photos: BeadPhotos, command: str) -> ColoursFile:
+    """What `puppet colours` writes."""
+    assert found.colours is not None
+    return ColoursFile(found.colours, inputs=photos.inputs, settings={"command": command})
+
+
+def _identify(
+    photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: Mode, stated_deg: np.ndarray
+) -> Identification:
+    angles = Angles.of(stated_deg)
+    cameras = cameras_at(scene, scene.turntable, angles.stated)
+    refine = refiner(scene, angles) if mode == "best" and len(photos.names) > 1 else None
+    return identify_beads(photos.candidates, cameras, colours, mode=mode, refine=refine)
+
+
+def _sure(result: Identification) -> int:
+    return int(((result.index >= 0).sum(axis=0) >= 2).sum())
+
+
+def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> NamedBeads:
+    n, m = len(photos.names), len(MARKERS)
+    uv, visible = np.zeros((n, m, 2)), np.zeros((n, m), bool)
+    sigma, radius = np.ones((n, m)), np.zeros((n, m))
+    for column, name in enumerate(result.names):
+        row = MARKERS.index(name)
+        for k, slot in enumerate(result.index[:, column]):
+            if slot >= 0:
+                seen = photos.candidates[k]
+                uv[k, row], visible[k, row] = seen.uv[slot], True
+                sigma[k, row], radius[k, row] = seen.sigma[slot], seen.radius[slot]
+    rejected = {name: c.uv[f] for name, c, f in zip(photos.names, photos.candidates, result.foreign)}
+    del colours
+    return NamedBeads(
+        photos.names, photos.stated_deg, uv, visible, sigma, radius, rejected, result.problems, photos.inputs
+    )
+
+
+def _refuse_still(photos: BeadPhotos) -> None:
+    """Refuse photographs between which nothing moved although their angles differ."""
+    still = [
+        (photos.names[k], photos.names[k + 1])
+        for k in range(len(photos.names) - 1)
+        if _same_picture(photos.candidates[k], photos.candidates[k + 1])
+    ]
+    if not still:
+        return
+    if len(still) == len(photos.names) - 1:
+        raise SolveError(
+            "The turntable did not turn: the beads stand at the same places in all photographs. Turn it by its step "
+            "before each photograph."
+        )
+    pairs = "; ".join(f"{a} and {b}" for a, b in still)
+    raise SolveError(
+        f"The turntable did not turn between {pairs}: the beads stand at the same places. Take one of each pair again "
+        "(`jaxmocap puppet add`), or remove it."
+    )
+
+
+def _same_picture(a: BeadCandidates, b: BeadCandidates) -> bool:
+    if min(len(a.uv), len(b.uv)) < 4:
+        return False
+    apart = np.linalg.norm(a.uv[:, None] - b.uv[None], axis=2).min(axis=1)
+    return bool(np.mean(apart < _STILL_PX) > _STILL_SHARE)
+
+
+def as_json(beads: NamedBeads) -> dict[str, Any]:
+    """Detections, sigmas, radii and rejected candidates by photograph."""
+    detections, sigmas, radii = {}, {}, {}
+    for k, name in enumerate(beads.names):
+        seen = [i for i in range(len(MARKERS)) if beads.visible[k, i]]
+        detections[name] = {MARKERS[i]: [float(x) for x in beads.uv[k, i]] for i in seen}
+        sigmas[name] = {MARKERS[i]: float(beads.sigma[k, i]) for i in seen}
+        radii[name] = {MARKERS[i]: float(beads.radius[k, i]) for i in seen}
+    return {
+        "detections": detections,
+        "sigma_px": sigmas,
+        "radius_px": radii,
+        "rejected": {name: [[float(x) for x in p] for p in uv] for name, uv in beads.rejected.items()},
+        "angles_stated_deg": {name: float(a) for name, a in zip(beads.names, beads.stated_deg)},
+        "inputs": dict(beads.inputs),
+    }
+
+
+def observations(beads: NamedBeads) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
+    """uv, visible, sigma as JAX arrays (photos, markers)."""
+    return jnp.asarray(beads.uv), jnp.asarray(beads.visible), jnp.asarray(beads.sigma)
+
+
+def photo_problems(beads: NamedBeads, notes: Sequence[str]) -> dict[str, list[str]]:
+    """Sentences by photograph: what makes its frame red."""
+    out: dict[str, list[str]] = {name: [] for name in beads.names}
+    for name, k in zip(beads.names, range(len(beads.names))):
+        out[name] += [text for text in notes if text.startswith(f"{name}:")]
+        if not beads.visible[k].any():
+            out[name].append("no bead was named")
+        if len(beads.rejected[name]):
+            out[name].append(f"{len(beads.rejected[name])} spots bear no name")
+    return out
