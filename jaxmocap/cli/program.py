@@ -11,6 +11,7 @@ from jaxmocap._errors import InputError
 from jaxmocap.cli.calibrate import calibrate
 from jaxmocap.cli.demo import demo
 from jaxmocap.cli.ending import DONE, INTERRUPTED, WRONG_INPUT, failed, write_usage_failure
+from jaxmocap.cli.puppet import puppet
 from jaxmocap.cli.view import view
 
 app = App(
@@ -23,6 +24,7 @@ app = App(
 app.command(calibrate)
 app.command(demo)
 app.command(view)
+app.command(puppet)
 
 
 def main() -> None:

@@ -3,9 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxmocap._arrays import require_x64
@@ -13,7 +11,6 @@ from jaxmocap._errors import SolveError
 from jaxmocap.bodies.puppet import DOCUMENT_COLOURS, MARKERS
 from jaxmocap.io.colours_file import ColoursFile, read_colours
 from jaxmocap.tracking import BeadColours, Identification, identify_beads
-from jaxmocap.tracking.identification import Mode
 from jaxmocap.tracking.tpose import TPoseColours, colours_from_tpose
 from jaxmocap.vision import BeadCandidates, find_beads
 from jaxmocap.vision.photos import read_colour_photo
@@ -105,7 +102,7 @@ def colours_or_document(path: Path | None) -> tuple[BeadColours, list[str]]:
     return content.colours, list(content.warnings)
 
 
-def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: Mode = "best") -> NamedBeads:
+def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: str = "best") -> NamedBeads:
     """Give the candidates names.
 
     Args:
@@ -133,7 +130,7 @@ def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mod
                 f"negative, {_sure(result)} as stated. Angles count anticlockwise seen from above, so that the "
                 "puppet's front moves to the right of the picture: rename the photos to 360 minus their angle."
             )
-    return _named(photos, colours, result)
+    return _named(photos, result)
 
 
 def learn_from_tpose(photos: BeadPhotos, scene: PuppetScene) -> TPoseColours:
@@ -162,7 +159,7 @@ def colours_file(found: TPoseColours, photos: BeadPhotos, command: str) -> Colou
 
 
 def _identify(
-    photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: Mode, stated_deg: np.ndarray
+    photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mode: str, stated_deg: np.ndarray
 ) -> Identification:
     angles = Angles.of(stated_deg)
     cameras = cameras_at(scene, scene.turntable, angles.stated)
@@ -174,7 +171,7 @@ def _sure(result: Identification) -> int:
     return int(((result.index >= 0).sum(axis=0) >= 2).sum())
 
 
-def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> NamedBeads:
+def _named(photos: BeadPhotos, result: Identification) -> NamedBeads:
     n, m = len(photos.names), len(MARKERS)
     uv, visible = np.zeros((n, m, 2)), np.zeros((n, m), bool)
     sigma, radius = np.ones((n, m)), np.zeros((n, m))
@@ -186,7 +183,6 @@ def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> 
                 uv[k, row], visible[k, row] = seen.uv[slot], True
                 sigma[k, row], radius[k, row] = seen.sigma[slot], seen.radius[slot]
     rejected = {name: c.uv[f] for name, c, f in zip(photos.names, photos.candidates, result.foreign)}
-    del colours
     return NamedBeads(
         photos.names, photos.stated_deg, uv, visible, sigma, radius, rejected, result.problems, photos.inputs
     )
@@ -220,33 +216,10 @@ def _same_picture(a: BeadCandidates, b: BeadCandidates) -> bool:
     return bool(np.mean(apart < _STILL_PX) > _STILL_SHARE)
 
 
-def as_json(beads: NamedBeads) -> dict[str, Any]:
-    """Detections, sigmas, radii and rejected candidates by photograph."""
-    detections, sigmas, radii = {}, {}, {}
-    for k, name in enumerate(beads.names):
-        seen = [i for i in range(len(MARKERS)) if beads.visible[k, i]]
-        detections[name] = {MARKERS[i]: [float(x) for x in beads.uv[k, i]] for i in seen}
-        sigmas[name] = {MARKERS[i]: float(beads.sigma[k, i]) for i in seen}
-        radii[name] = {MARKERS[i]: float(beads.radius[k, i]) for i in seen}
-    return {
-        "detections": detections,
-        "sigma_px": sigmas,
-        "radius_px": radii,
-        "rejected": {name: [[float(x) for x in p] for p in uv] for name, uv in beads.rejected.items()},
-        "angles_stated_deg": {name: float(a) for name, a in zip(beads.names, beads.stated_deg)},
-        "inputs": dict(beads.inputs),
-    }
-
-
-def observations(beads: NamedBeads) -> tuple[jnp.ndarray, jnp.ndarray, jnp.ndarray]:
-    """uv, visible, sigma as JAX arrays (photos, markers)."""
-    return jnp.asarray(beads.uv), jnp.asarray(beads.visible), jnp.asarray(beads.sigma)
-
-
 def photo_problems(beads: NamedBeads, notes: Sequence[str]) -> dict[str, list[str]]:
     """Sentences by photograph: what makes its frame red."""
     out: dict[str, list[str]] = {name: [] for name in beads.names}
-    for name, k in zip(beads.names, range(len(beads.names))):
+    for k, name in enumerate(beads.names):
         out[name] += [text for text in notes if text.startswith(f"{name}:")]
         if not beads.visible[k].any():
             out[name].append("no bead was named")
