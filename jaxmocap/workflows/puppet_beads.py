@@ -50,6 +50,8 @@ class NamedBeads:
     """(photos, markers) [px]; zero where not visible."""
     rejected: Mapping[str, np.ndarray]
     """Candidates that bear no name, (n, 2) [px] by photograph."""
+    unsure: Mapping[str, int]
+    """How many of these are as bright as a bead."""
     problems: tuple[str, ...]
     inputs: Mapping[str, str]
 
@@ -130,7 +132,7 @@ def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mod
                 f"negative, {_sure(result)} as stated. Angles count anticlockwise seen from above, so that the "
                 "puppet's front moves to the right of the picture: rename the photos to 360 minus their angle."
             )
-    return _named(photos, result)
+    return _named(photos, colours, result)
 
 
 def learn_from_tpose(photos: BeadPhotos, scene: PuppetScene) -> TPoseColours:
@@ -171,7 +173,7 @@ def _sure(result: Identification) -> int:
     return int(((result.index >= 0).sum(axis=0) >= 2).sum())
 
 
-def _named(photos: BeadPhotos, result: Identification) -> NamedBeads:
+def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> NamedBeads:
     n, m = len(photos.names), len(MARKERS)
     uv, visible = np.zeros((n, m, 2)), np.zeros((n, m), bool)
     sigma, radius = np.ones((n, m)), np.zeros((n, m))
@@ -183,8 +185,13 @@ def _named(photos: BeadPhotos, result: Identification) -> NamedBeads:
                 uv[k, row], visible[k, row] = seen.uv[slot], True
                 sigma[k, row], radius[k, row] = seen.sigma[slot], seen.radius[slot]
     rejected = {name: c.uv[f] for name, c, f in zip(photos.names, photos.candidates, result.foreign)}
+    # What is half as bright as the dimmest bead is no reflection on the dark figure.
+    bright = 0.5 * float(colours.hsb[:, 2].min())
+    unsure = {
+        name: int((c.hsb[f, 2] > bright).sum()) for name, c, f in zip(photos.names, photos.candidates, result.foreign)
+    }
     return NamedBeads(
-        photos.names, photos.stated_deg, uv, visible, sigma, radius, rejected, result.problems, photos.inputs
+        photos.names, photos.stated_deg, uv, visible, sigma, radius, rejected, unsure, result.problems, photos.inputs
     )
 
 
@@ -222,7 +229,8 @@ def photo_problems(beads: NamedBeads, notes: Sequence[str]) -> dict[str, list[st
     for k, name in enumerate(beads.names):
         out[name] += [text for text in notes if text.startswith(f"{name}:")]
         if not beads.visible[k].any():
-            out[name].append("no bead was named")
-        if len(beads.rejected[name]):
-            out[name].append(f"{len(beads.rejected[name])} spots bear no name")
+            out[name].append("No bead was named.")
+        if beads.unsure[name]:
+            said = "spot looks like a bead and bears" if beads.unsure[name] == 1 else "spots look like beads and bear"
+            out[name].append(f"{beads.unsure[name]} {said} no name.")
     return out

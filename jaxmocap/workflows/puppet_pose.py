@@ -9,11 +9,13 @@ import numpy as np
 
 from jaxmocap._arrays import require_x64
 from jaxmocap._errors import SolveError
+from jaxmocap._programs import program
 from jaxmocap.bodies.motion import SkeletonMotion
 from jaxmocap.bodies.puppet import BONES, MARKERS
 from jaxmocap.calibration.turntable import TurntableEstimate
+from jaxmocap.cameras import Camera
 from jaxmocap.observations import PixelObservations
-from jaxmocap.reconstruction import name_wrong_views
+from jaxmocap.reconstruction import ViewVerdict, name_wrong_views
 from jaxmocap.reconstruction.skeleton import BONE_NAMES, SkeletonPose, motion_from_poses, skeleton_from_markers
 from jaxmocap.workflows.puppet_beads import NamedBeads
 from jaxmocap.workflows.puppet_scene import Angles, PuppetScene, cameras_at, improve
@@ -21,7 +23,15 @@ from jaxmocap.workflows.puppet_scene import Angles, PuppetScene, cameras_at, imp
 _PHOTOS = 12  # the judging of names is compiled for a multiple of so many photos
 _ROUNDS = 3  # of leaving out wrong names and solving again
 
-_name_wrong_views = jax.jit(jax.vmap(name_wrong_views, in_axes=(None, 0)))
+
+@program
+def _judge_names(cameras: Camera, seen: PixelObservations) -> ViewVerdict:
+    return jax.vmap(name_wrong_views, in_axes=(None, 0))(cameras, seen)
+
+
+@program
+def _skeleton(points: jax.Array, seen: jax.Array, lengths: jax.Array) -> SkeletonPose:
+    return skeleton_from_markers(points, seen, lengths)
 
 
 @dataclass(frozen=True)
@@ -149,7 +159,7 @@ def reconstruct_pose(beads: NamedBeads, scene: PuppetScene, lengths: np.ndarray,
         beads = replace(beads, visible=beads.visible & ~bad)
     seen = (beads.visible.sum(axis=0) >= 2) & np.isfinite(np.asarray(solved.points)).all(axis=1)
     points = jnp.asarray(np.where(seen[:, None], np.asarray(solved.points), 0.0))
-    skeleton = skeleton_from_markers(points, jnp.asarray(seen), jnp.asarray(lengths))
+    skeleton = _skeleton(points, jnp.asarray(seen), jnp.asarray(lengths))
     return PuppetPose(
         beads, solved, seen, tuple(wrong), skeleton, lengths, lengths_known, scene, tuple(_notes(beads, wrong, seen))
     )
@@ -181,7 +191,7 @@ def _contradicted(beads: NamedBeads, scene: PuppetScene, solved: TurntableEstima
         return jnp.asarray(np.swapaxes(wide, 0, 1))
 
     seen = PixelObservations(by_bead(beads.uv), by_bead(beads.visible), by_bead(scale * beads.sigma, 1.0))
-    verdict = _name_wrong_views(cameras, seen)
+    verdict = _judge_names(cameras, seen)
     return np.asarray(verdict.wrong)[:, : len(beads.names)].T
 
 

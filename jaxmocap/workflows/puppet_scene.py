@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxmocap._errors import InputError
+from jaxmocap._programs import program
 from jaxmocap.calibration.boards import Lens
 from jaxmocap.calibration.turntable import BeadScene, TurntableEstimate, bead_prior, solve_beads
 from jaxmocap.calibration.turntable_checks import smallest_step, wrap_deg
@@ -121,7 +121,7 @@ def _length(given: str | float | None, default_mm: float, option: str, unit: str
     return default_mm * unit_factor("mm", unit, option), []
 
 
-@eqx.filter_jit
+@program
 def _cameras(lens: Lens, turntable: Turntable, angles: jax.Array, image_size: tuple[int, int]) -> Camera:
     one = lambda a: Camera(lens.intrinsics, lens.distortion, turntable.pose(a), image_size)  # noqa: E731
     return jax.vmap(one)(angles)
@@ -135,7 +135,7 @@ def cameras_at(scene: PuppetScene, turntable: Turntable, angles: np.ndarray) -> 
     return jax.tree.map(lambda x: x[:n], cameras)
 
 
-@jax.jit
+@program
 def _start_points(cameras: Camera, uv: jax.Array, visible: jax.Array) -> jax.Array:
     """(beads, 3) of pixels (beads, photos, 2)."""
 

@@ -77,6 +77,7 @@ def beads_json(beads: NamedBeads) -> dict[str, Any]:
         "sigma_px": sigmas,
         "radius_px": radii,
         "rejected": {name: [[float(x) for x in p] for p in uv] for name, uv in beads.rejected.items()},
+        "unsure": dict(beads.unsure),
     }
 
 
@@ -100,7 +101,8 @@ def beads_from_json(content: Mapping[str, Any], stated_deg: Mapping[str, float])
         raise ValueError("numbers that are none")
     rejected = {name: np.array(content["rejected"][name], float).reshape(-1, 2) for name in names}
     angles = np.array([stated_deg[name] for name in names], float)
-    return NamedBeads(names, angles, uv, visible, sigma, radius, rejected, (), dict(content["inputs"]))
+    unsure = {name: int(content["unsure"][name]) for name in names}
+    return NamedBeads(names, angles, uv, visible, sigma, radius, rejected, unsure, (), dict(content["inputs"]))
 
 
 def beads_summary(beads: NamedBeads) -> str:
