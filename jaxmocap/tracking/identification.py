@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,6 +17,9 @@ from jaxmocap.tracking.naming import MIN_MARGIN, MIN_MARGIN_ALONE, Names, look_a
 from jaxmocap.tracking.rounds import GATE, Refine, tighten
 from jaxmocap.tracking.tracks import Tracks, point_of, trimmed, without_doubles
 from jaxmocap.tracking.views import PhotoViews, look
+
+Mode = Literal["best", "repaired", "literal"]
+"""The three ways of naming."""
 
 # Squared Mahalanobis distances of a place from its point are exponential with mean 2: beyond the gate, three
 # standard deviations, lies 1 %.
@@ -55,7 +58,7 @@ def identify_beads(
     cameras: Camera | None,
     colours: BeadColours,
     *,
-    mode: str = "best",
+    mode: Mode | str = "best",
     gate: float = GATE,
     refine: Refine | None = None,
     light: str = "adapt",

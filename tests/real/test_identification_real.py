@@ -10,6 +10,7 @@ from jaxmocap.bodies.puppet import DOCUMENT_COLOURS, MARKERS
 from jaxmocap.synthetic.bead_candidates import turntable_cameras
 from jaxmocap.tracking import BeadColours, colours_from_tpose, identify_beads
 from jaxmocap.vision.beads import find_beads
+from jaxmocap.vision.photos import read_colour_photo
 
 pytestmark = pytest.mark.real
 ANGLES = np.radians(np.arange(0, 360, 30))
@@ -23,10 +24,8 @@ def turns(data_dir):
     found = {}
     for pose in ("tpose", "wave", "stride"):
         views = truth["poses"][pose]["views"]
-        found[pose] = (
-            [find_beads(np.asarray(Image.open(folder / view["file"]).convert("RGB"))) for view in views],
-            views,
-        )
+        pictures = [read_colour_photo(folder / view["file"]).rgb for view in views]
+        found[pose] = ([find_beads(picture) for picture in pictures], views)
     return found
 
 
