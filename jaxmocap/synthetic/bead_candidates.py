@@ -93,6 +93,8 @@ class SeenTurn:
     """The real ones."""
     angles: Float[np.ndarray, "photos"]
     """Stated angles [rad]."""
+    places: Float[np.ndarray, "photos markers 2"]
+    """Where the centre of every bead is, seen or not [px]."""
     scene: BeadScene = field(repr=False)
 
 
@@ -144,7 +146,7 @@ def turn_of_photos(scene: BeadScene, angles_deg: ArrayLike, build: Build, rng: n
     hsb = np.concatenate([scene.hsb, things_hsb])
     truth = np.concatenate([np.arange(len(scene.names)), np.full(build.things, -1)])
     photos = [_photo(uv[k][s], hsb[s], truth[s], build, rng) for k, s in enumerate(shown)]
-    return SeenTurn(tuple(photos), start, true, angles, scene)
+    return SeenTurn(tuple(photos), start, true, angles, uv[:, : len(scene.names)], scene)
 
 
 def turntable_cameras(rotvec: Float[np.ndarray, "3"], angles: Float[np.ndarray, "photos"]) -> Camera:
