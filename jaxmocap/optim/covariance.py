@@ -77,6 +77,20 @@ class ArrowCovariance(eqx.Module):
         return self.inflation * self.variance * (half.T @ half) + T @ self.shared() @ T.T
 
 
+@jax.custom_jvp
+def _inverse(A: Float[Array, "n n"]) -> tuple[Float[Array, "n n"], Float[Array, ""]]:
+    """Inverse of a symmetric matrix of unit size where its eigenvalues are not rounding, and the smallest of them."""
+    values, vectors = jnp.linalg.eigh(A)
+    return (vectors / jnp.where(values > _SINGULAR, values, jnp.inf)[None, :]) @ vectors.T, values[0]
+
+
+@_inverse.defjvp
+def _inverse_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    # Through the eigenvectors it would divide by differences of eigenvalues.
+    inverse, smallest = _inverse(*primals)
+    return (inverse, smallest), (-inverse @ tangents[0] @ inverse, jnp.zeros_like(smallest))
+
+
 def _unit(normal: NormalEquations, idle: Bool[Array, "blocks"]) -> tuple[Array, Array, Array, Array]:
     """S^-1, L, T and whether the matrix is regular; blocks that do not count (`idle`) may be singular."""
     diagonal = jnp.moveaxis(jnp.diagonal(normal.ll), -1, 0)
@@ -91,9 +105,8 @@ def _unit(normal: NormalEquations, idle: Bool[Array, "blocks"]) -> tuple[Array, 
     scale = 1.0 / jnp.sqrt(jnp.where(d > 0, d, 1.0))
     reduced = (normal.ss - taken) * scale[:, None] * scale[None, :]
     finite = jnp.all(jnp.isfinite(reduced))
-    values, vectors = jnp.linalg.eigh(jnp.where(finite, reduced, jnp.eye(ns, dtype=reduced.dtype)))
-    regular = regular_l & finite & (values[0] > _SINGULAR) & jnp.all(d > 0)
-    inverse = (vectors / jnp.where(values > _SINGULAR, values, jnp.inf)[None, :]) @ vectors.T
+    inverse, smallest = _inverse(jnp.where(finite, reduced, jnp.eye(ns, dtype=reduced.dtype)))
+    regular = regular_l & finite & (smallest > _SINGULAR) & jnp.all(d > 0)
     unit = inverse * scale[:, None] * scale[None, :]
     # What is not determined is not known at all, rather than perfectly.
     return jnp.where(regular, unit, jnp.inf), factors.L, T, regular

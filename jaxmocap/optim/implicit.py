@@ -6,6 +6,7 @@ come from second derivatives of one block at a time, so time and memory are line
 forward and in reverse mode.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -110,3 +111,34 @@ def _attach_jvp(primals: Any, tangents: Any) -> Any:
     else:
         tangent = jax.tree.map(jnp.zeros_like, solution)
     return solution, tangent
+
+
+@eqx.filter_custom_jvp
+def follow(value: Any, fn: Callable[..., Any], inputs: Any) -> Any:
+    """A value that was computed on the way and equals fn(*inputs), with the derivatives of fn at the inputs.
+
+    Args:
+        value: pytree of arrays.
+        fn: the same value from the inputs alone; evaluated only where a derivative is asked for.
+        inputs: arguments of fn; what moves with the solution comes from `attach`.
+
+    Returns:
+        value.
+    Source: chain rule.
+    """
+    del fn, inputs
+    return value
+
+
+@follow.def_jvp
+def _follow_jvp(primals: Any, tangents: Any) -> Any:
+    value, fn, inputs = primals
+    moving = jax.tree.map(lambda t: t is not None, tangents[2], is_leaf=lambda t: t is None)
+    diff, fixed = eqx.partition(inputs, moving)
+
+    def numbers(d: Any) -> Any:
+        return eqx.filter(fn(*eqx.combine(d, fixed)), eqx.is_inexact_array)
+
+    if not jax.tree.leaves(diff):
+        return value, jax.tree.map(jnp.zeros_like, eqx.filter(value, eqx.is_inexact_array))
+    return value, jax.jvp(numbers, (diff,), (tangents[2],))[1]

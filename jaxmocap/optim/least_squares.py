@@ -1,6 +1,7 @@
 """The one entry to structured least squares: freeze, scale, pad, solve, covariance -> Estimate."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,19 +11,17 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Float, PyTree
 
-from jaxmocap._arrays import require_x64
-from jaxmocap._errors import InputError
 from jaxmocap._programs import program
 from jaxmocap.optim import arrow_solver
 from jaxmocap.optim.arrow_solver import ArrowDescent, ArrowLevenbergMarquardt
-from jaxmocap.optim.covariance import arrow_covariance
-from jaxmocap.optim.implicit import attach
-from jaxmocap.optim.linearise import ArrowData, ArrowProblem, prior_residuals, residuals
+from jaxmocap.optim.checks import check_arguments, check_precision
+from jaxmocap.optim.covariance import ArrowCovariance, arrow_covariance
+from jaxmocap.optim.implicit import attach, follow
+from jaxmocap.optim.linearise import ArrowData, ArrowProblem, cost, linearise, prior_residuals, residuals
 from jaxmocap.optim.packing import (
     ArrowVariables,
     Flat,
     Layout,
-    block_count,
     blocks_first,
     blocks_last,
     bucket,
@@ -89,18 +88,21 @@ def _solve(
     n_prior = jax.eval_shape(lambda: prior_residuals(problem, base.shared, data)).shape[0]
     parameters = layout.shared_size + layout.local_size * jnp.sum(data.weight)
     freedom = count + n_prior - parameters
-    variance = 2.0 * state.cost / jnp.maximum(freedom, 1.0)
+    moving = attach(y, problem, layout, base, data)
+    final = follow(state.cost, partial(_cost_at, problem, layout), (moving, base, data))
+    variance = 2.0 * final / jnp.maximum(freedom, 1.0)
     determined, covariance = jnp.array(True), None
     if options.covariance:
-        covariance = jax.lax.stop_gradient(
-            arrow_covariance(
-                problem, layout, y, still_base, still_data, state.descent.normal, variance, options.by_block
-            )
+        still = jax.lax.stop_gradient((y, base, data, variance))
+        covariance = follow(
+            arrow_covariance(problem, layout, *still[:3], state.descent.normal, still[3], options.by_block),
+            partial(_covariance_at, problem, layout, options.by_block),
+            (moving, base, data, variance),
         )
         determined = covariance.determined
-    value = unflatten_last(layout, attach(y, problem, layout, base, data), base)
+    value = unflatten_last(layout, moving, base)
     stats = {
-        "cost": state.cost,
+        "cost": final,
         "steps": state.steps,
         "linearisations": state.linearisations,
         "cost_history": state.cost_history,
@@ -114,6 +116,23 @@ def _solve(
     return ArrowVariables(value.shared, blocks_first(value.local)), covariance, result, stats
 
 
+def _cost_at(problem: ArrowProblem, layout: Layout, y: Flat, base: ArrowVariables, data: ArrowData) -> Array:
+    return cost(problem, unflatten_last(layout, y, base), data)
+
+
+def _covariance_at(
+    problem: ArrowProblem,
+    layout: Layout,
+    by_block: bool,
+    y: Flat,
+    base: ArrowVariables,
+    data: ArrowData,
+    variance: Float[Array, ""],
+) -> ArrowCovariance:
+    normal = linearise(problem, layout, y, base, data)
+    return arrow_covariance(problem, layout, y, base, data, normal, variance, by_block)
+
+
 def _pad_blocks(tree: PyTree, extra: int) -> PyTree:
     """Repeat the last block `extra` times (leading axis)."""
     if not extra:
@@ -123,25 +142,17 @@ def _pad_blocks(tree: PyTree, extra: int) -> PyTree:
 
 @program
 def _arrange(
-    y0: ArrowVariables, data: PyTree, common: PyTree, one: Float[Array, "blocks"], extra: int
+    y0: ArrowVariables, data: PyTree, common: PyTree, one: Float[Array, "blocks"], extra: int, all_count: bool
 ) -> tuple[ArrowVariables, ArrowData]:
     """Variables and data padded by `extra` blocks, block axes last: one small program instead of dozens."""
-    padded = ArrowVariables(jax.tree.map(jnp.asarray, y0.shared), blocks_last(_pad_blocks(y0.local, extra)))
-    arrow_data = ArrowData(
-        blocks_last(_pad_blocks(data, extra)),
-        jax.tree.map(jnp.asarray, common),
-        jnp.concatenate([one, jnp.zeros((extra,))]),
-    )
-    return padded, arrow_data
-
-
-def _check_numbers(y: ArrowVariables, data: PyTree) -> int:
-    require_x64("least_squares")
-    blocks = block_count(y)
-    for leaf in jax.tree.leaves(data):
-        if np.ndim(leaf) == 0 or np.shape(leaf)[0] != blocks:
-            raise InputError(f"data: expected a leading axis of {blocks} blocks on every leaf, got {np.shape(leaf)}")
-    return blocks
+    local, of_blocks = _pad_blocks(y0.local, extra), _pad_blocks(data, extra)
+    weight = jnp.concatenate([one, jnp.zeros((extra,))])
+    if not all_count:
+        # What does not count is replaced by a block that does: 0 times NaN would be NaN, also in derivatives.
+        counting = jnp.where(weight > 0, jnp.arange(weight.size), jnp.argmax(weight > 0))
+        local, of_blocks = jax.tree.map(lambda x: x[counting], (local, of_blocks))
+    padded = ArrowVariables(jax.tree.map(jnp.asarray, y0.shared), blocks_last(local))
+    return padded, ArrowData(blocks_last(of_blocks), jax.tree.map(jnp.asarray, common), weight)
 
 
 def least_squares(
@@ -166,7 +177,8 @@ def least_squares(
     r"""Minimise half the sum of squared residuals of an arrow problem.
 
     Pure and differentiable: `jax.jvp`, `jax.vjp` (with respect to `data`, `common` and the frozen part of `y0`) and
-    `jax.vmap` work on it. The functions in `problem` must not close over differentiated values: pass those in
+    `jax.vmap` work on it. Derivatives are those of the solution, its cost, residual variance and covariance; the
+    histories have none. The functions in `problem` must not close over differentiated values: pass those in
     `data` (per block) or `common`.
 
     Args:
@@ -176,7 +188,8 @@ def least_squares(
         common: pytree handed to every block.
         free: bools in the tree of y0 (for `local`: of one block); None: all free. Fix the gauge here.
         scale: typical sizes in the tree of y0, by which damping is measured; None: from the Jacobian.
-        weight: 1 for blocks that count, 0 for those that do not; None: all count.
+        weight: 1 for blocks that count, 0 for those that do not, whose data may be anything and whose local
+            unknowns keep their start; None: all count.
         count: number of scalar residuals that are not masked; None: all of them.
         max_steps: largest number of trial steps.
         rtol: settle when the predicted decrease is below this fraction of the cost.
@@ -195,14 +208,15 @@ def least_squares(
         SolveError: if `throw` and the solve failed.
     Source: optical tracking document, algorithm 3 and eq. 4.76 (the problems it serves).
     """
-    blocks = _check_numbers(y0, data)
+    blocks = check_arguments(y0, data, free, scale, weight)
     layout = make_layout(y0, free)
+    check_precision(y0, layout)
     extra = bucket(blocks) - blocks if pad else 0
     one = jnp.ones((blocks,)) if weight is None else jnp.asarray(weight, dtype=float)
     if count is None:
         shape = jax.eval_shape(problem.block, *_one_block(y0, data, common)).shape
         count = jnp.sum(one) * float(np.prod(shape))
-    padded, arrow_data = _arrange(y0, data, common, one, extra)
+    padded, arrow_data = _arrange(y0, data, common, one, extra, weight is None)
     flat_scale = None
     if scale is not None:
         flat_scale = flatten(layout, ArrowVariables(scale.shared, _pad_blocks(scale.local, extra)))
@@ -212,8 +226,16 @@ def least_squares(
     )
     if extra:
         value = ArrowVariables(value.shared, jax.tree.map(lambda x: x[:blocks], value.local))
+    if weight is not None:
+        value = ArrowVariables(value.shared, _only_counting(one, value.local, y0.local))
     estimate = Estimate(value, cov, result, stats)
     return estimate.check() if throw else estimate
+
+
+def _only_counting(weight: Float[Array, "blocks"], solved: PyTree, start: PyTree) -> PyTree:
+    """The solved blocks where they count, the start where they do not."""
+    counts = lambda x: jnp.reshape(weight > 0, (-1, *(1,) * (x.ndim - 1)))  # noqa: E731
+    return jax.tree.map(lambda x, x0: jnp.where(counts(x), x, jnp.asarray(x0)), solved, start)
 
 
 def _one_block(y: ArrowVariables, data: PyTree, common: PyTree) -> tuple[Any, Any, Any, Any]:

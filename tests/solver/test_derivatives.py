@@ -205,3 +205,24 @@ def test_a_batch_of_problems_is_each_problem():
             jax.tree.map(lambda x, i=k: x[i], together.covariance).shared(), alone.covariance.shared(), rtol=1e-7
         )
         assert together.result._value[k] == alone.result._value
+
+
+@jax.jit
+@jax.value_and_grad
+def stated(d):
+    """One number that moves with the cost, the residual variance and every part of the covariance."""
+    data = {**EASY.data, "d": d}
+    estimate = least_squares(EASY.problem, EASY.y0, data, EASY.common, rtol=1e-24, by_block=True)
+    k, stats = estimate.covariance, estimate.stats
+    parts = (k.shared()[0, 1], k.local(2)[0, 0], k.cross(1)[0, 0], k.leave_one_out[1, 1], k.design_effect)
+    total = jnp.dot(jnp.asarray([1e4, 1.0, 1e2, 1e4, 1.0]), jnp.stack(parts))
+    return total + 3.0 * stats["cost"] + 10.0 * stats["residual_variance"]
+
+
+EASY = mixed_case(blocks=6, residual=0.6, bend=0.8, prior=True)  # settles to rounding in few steps
+
+
+def test_derivatives_of_cost_and_covariance():
+    t, h, at = direction(0)[0], 1e-4, EASY.data["d"]
+    a, b, c, d = (float(stated(at + s * h * t)[0]) for s in (-2, -1, 1, 2))
+    np.testing.assert_allclose(jnp.sum(stated(at)[1] * t), (8 * (c - b) - (d - a)) / (12 * h), rtol=1e-6)
