@@ -5,6 +5,8 @@ and the mirrored pose of every flat view, is tried and the one with the smallest
 of each step are brought to one size, so that a step is compiled once for every board and every number of photos.
 """
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +33,18 @@ _THIN = 1e-6
 _LINE_PX = 0.5
 # A start needs no more: 48 points fix a homography to a fraction of their noise, 16 views a calibration matrix.
 _POINTS, _VIEWS = 48, 16
+
+
+class CameraStart(NamedTuple):
+    """What `start_camera` finds of one camera."""
+
+    lens: Lens
+    T: np.ndarray
+    """T_camera_target (views, 4, 4); identity for views that were not used."""
+    used: np.ndarray
+    """(views,)."""
+    variance: float
+    """Mean square of the residuals left, per coordinate and degree of freedom [px^2]."""
 
 
 def plane_frames(points: np.ndarray, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +112,7 @@ def start_camera(
     uv: Float[np.ndarray, "views points 2"],
     seen: np.ndarray,
     image_size: tuple[int, int],
-) -> tuple[Lens, np.ndarray, np.ndarray]:
+) -> CameraStart:
     """Start values of one camera.
 
     Args:
@@ -108,7 +122,7 @@ def start_camera(
         image_size: (width, height) [px].
 
     Returns:
-        lens; T_camera_target as (views, 4, 4) matrices (identity for unused views); which views were used.
+        CameraStart.
 
     Raises:
         SolveError: if no view shows enough points.
@@ -134,7 +148,9 @@ def start_camera(
     if not np.isfinite(costs).any():
         raise SolveError("No start could be found: the points do not look like images of the target given.")
     lens = candidates[int(np.argmin(np.where(np.isfinite(costs), costs, np.inf)))]
-    return lens, _poses_of_all(lens, few, use)[0], use
+    T, cost = _poses_of_all(lens, few, use)
+    freedom = 2 * int(few[2][use].sum()) - 6 * int(use.sum())
+    return CameraStart(lens, T, use, float(cost[use].sum()) / max(freedom, 1))
 
 
 def _prepared(
@@ -245,17 +261,24 @@ def start_rig(
     Raises:
         SolveError: a camera without a usable view, or groups of cameras that share no view.
     """
+    return join_cameras(start_each(views, image_sizes, names), names)
+
+
+def start_each(views: TargetViews, image_sizes: list[tuple[int, int]], names: list[str]) -> list[CameraStart]:
+    """Start values of each camera of a rig on its own; arguments and errors as `start_rig`."""
     points, uv, seen = (np.asarray(x) for x in (views.points, views.seen.uv, views.seen.visible))
-    lenses, poses, used = [], [], []
+    found = []
     for k, size in enumerate(image_sizes):
         try:
-            lens, pose, use = start_camera(points, uv[:, k], seen[:, k], size)
+            found.append(start_camera(points, uv[:, k], seen[:, k], size))
         except SolveError as error:
             raise SolveError(f"camera {names[k]}: {error}") from None
-        lenses.append(lens)
-        poses.append(pose)
-        used.append(use)
-    used_by = np.stack(used)
+    return found
+
+
+def join_cameras(cameras: list[CameraStart], names: list[str]) -> tuple[ArrowVariables, np.ndarray]:
+    """Start values of a rig from those of its cameras; results and errors as `start_rig`."""
+    poses, used_by = [c.T for c in cameras], np.stack([c.used for c in cameras])
     T_camera_rig = _chain(poses, used_by, names)
     local = poses[0].copy()
     for k in range(1, len(poses)):
@@ -264,7 +287,7 @@ def start_rig(
         local[missing] = np.linalg.inv(T_camera_rig[k]) @ poses[k][missing]
     seen_by_none = ~used_by.any(axis=0)
     local[seen_by_none, :3, 3] = [0.0, 0.0, 1.0]  # in front, so that nothing divides by zero
-    rig = RigParameters(tuple(lenses), tuple(_as_pose(T) for T in T_camera_rig[1:]))
+    rig = RigParameters(tuple(c.lens for c in cameras), tuple(_as_pose(T) for T in T_camera_rig[1:]))
     return ArrowVariables(rig, _as_pose(local)), used_by
 
 

@@ -14,7 +14,7 @@ from jaxmocap.io import hash_files, read_correspondences
 from jaxmocap.vision import BoardDetections, consistent_order, detect_boards, expand_photos, read_photo
 from jaxmocap.workflows.board import parse_board
 from jaxmocap.workflows.calibration_result import CalibrationResult, Settings
-from jaxmocap.workflows.target_solve import SolvedTargets, make_views, solve_targets
+from jaxmocap.workflows.target_solve import PairingError, SolvedTargets, make_views, solve_targets
 from jaxmocap.workflows.units import parse_length, parse_sizes
 
 Progress = Callable[[int, int], None]
@@ -145,7 +145,7 @@ def _number(name: str) -> int | None:
     return int(found[-1]) if found else None
 
 
-def pair_photos(left: Sequence[str], right: Sequence[str]) -> tuple[list[tuple[int, int]], list[str]]:
+def pair_photos(left: Sequence[str], right: Sequence[str]) -> tuple[list[tuple[int, int]], list[str], bool]:
     """Pairs of photos taken at once: by the last number in the file names, else by order.
 
     Args:
@@ -153,7 +153,7 @@ def pair_photos(left: Sequence[str], right: Sequence[str]) -> tuple[list[tuple[i
         right: names of the second camera's.
 
     Returns:
-        pairs of indices; names that have no partner.
+        pairs of indices; names that have no partner; whether numbers paired them.
 
     Raises:
         InputError: if no pair can be formed.
@@ -172,7 +172,7 @@ def pair_photos(left: Sequence[str], right: Sequence[str]) -> tuple[list[tuple[i
             "No left and right photo belong together: the last numbers in their names never agree "
             f"(left {', '.join(left[:3])}...; right {', '.join(right[:3])}...). Number pairs alike."
         )
-    return pairs, lone
+    return pairs, lone, by_number
 
 
 def calibrate_stereo(
@@ -222,7 +222,7 @@ def calibrate_stereo(
         raise InputError(
             f"{', '.join(twice[:3])}: the same photo was given for both cameras. Give each camera its own."
         )
-    pairs, lone = pair_photos(seen[0].names, seen[1].names)
+    pairs, lone, by_number = pair_photos(seen[0].names, seen[1].names)
     rows_of = [(i, j) for i, j in pairs if seen[0].found[i] or seen[1].found[j]]
     view_names: list[tuple[str | None, ...]] = [(seen[0].names[i], seen[1].names[j]) for i, j in rows_of]
     uv = np.stack([np.stack([seen[0].uv[i], seen[1].uv[j]]) for i, j in rows_of])
@@ -232,7 +232,17 @@ def calibrate_stereo(
     visible = np.repeat(found[:, :, None], len(target.points), axis=2)
     views = make_views(np.tile(target.points, (len(uv), 1, 1)), uv, visible)
     sizes = [d.image_size for d in seen]
-    solved = solve_targets(views, list(names), sizes, distortion=model, skew=skew, robust=robust)
+    try:
+        solved = solve_targets(
+            views, list(names), sizes, distortion=model, skew=skew, robust=robust, view_names=view_names
+        )
+    except PairingError as error:
+        if by_number:
+            raise
+        raise InputError(
+            f"{error} The photos were paired in the order of their names, since these hold no numbers that tell them "
+            "apart; number pairs alike, left_01 and right_01."
+        ) from error
     inputs = {f"{camera}/{n}": h for camera, d in zip(names, seen) for n, h in zip(d.names, d.sha256)}
     paths = [{p.name: p for p in expand_photos(f)} for f in files]
     return _result(
@@ -296,7 +306,7 @@ def calibrate_points(
     names: list[tuple[str | None, ...]] = [(f"view {label}",) * len(cameras) for label in table.view_labels]
     points, uv, visible, sigma = _by_view(table.view, table.camera, table.xyz, table.uv, table.sigma, cameras)
     views = make_views(points, uv, visible, sigma)
-    solved = solve_targets(views, cameras, sizes, distortion=model, skew=skew, robust=robust)
+    solved = solve_targets(views, cameras, sizes, distortion=model, skew=skew, robust=robust, view_names=names)
     settings = Settings(
         command=command,
         unit=unit,

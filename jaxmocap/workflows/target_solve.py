@@ -1,6 +1,6 @@
 """From points seen on targets to a calibrated rig: pad, start, refine, freeze what is not determined."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -19,7 +19,8 @@ from jaxmocap.calibration.boards import (
 from jaxmocap.calibration.centring import centred, moved_back
 from jaxmocap.calibration.describe import describe
 from jaxmocap.calibration.determined import next_to_freeze, undetermined
-from jaxmocap.calibration.start import start_rig
+from jaxmocap.calibration.pair_agreement import CameraPoses, Disagreement, disagreements
+from jaxmocap.calibration.start import join_cameras, start_each
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import ArrowVariables
 from jaxmocap.optim.packing import bucket
@@ -77,6 +78,10 @@ def _check_enough(views: TargetViews, cameras: list[str], names: int) -> None:
             )
 
 
+class PairingError(SolveError):
+    """Views that contradict one another about how the cameras stand: not taken at once, or paired wrongly."""
+
+
 class SolvedTargets(NamedTuple):
     """What `solve_targets` found."""
 
@@ -98,6 +103,7 @@ def solve_targets(
     distortion: DistortionModel = "k1k2",
     skew: bool = False,
     robust: bool = False,
+    view_names: Sequence[tuple[str | None, ...]] = (),
     progress: Callable[[Any, Any, Any], None] | None = None,
 ) -> SolvedTargets:
     """Calibrate cameras from what they saw of known targets.
@@ -109,6 +115,7 @@ def solve_targets(
         distortion: lens model.
         skew: whether K[0][1] is sought.
         robust: Cauchy loss whose width follows from the data, instead of plain least squares.
+        view_names: for each view, what each camera calls it, for messages.
         progress: called with (step, cost, damping).
 
     Returns:
@@ -116,13 +123,19 @@ def solve_targets(
 
     Raises:
         InputError: a camera that saw nothing, 32-bit JAX.
-        SolveError: too few data, or the solve failed (with the sentence).
+        SolveError: too few data, or the solve failed (with the sentence); PairingError if it is the pairs that are
+            wrong.
     """
     require_x64("A calibration")
     free_parameters(len(cameras), distortion, skew)  # refuses an unknown model before anything else
     _check_enough(views, cameras, len(MODELS[distortion]) + skew)
     given, (views, middle) = views, centred(views)
-    start, used = start_rig(views, image_sizes, cameras)
+    each = start_each(views, image_sizes, cameras)
+    start, used = join_cameras(each, cameras)
+    poses = [CameraPoses(np.asarray(c.lens.intrinsics.matrix()), c.T, c.used, c.variance) for c in each]
+    # A tight limit, for poses that depend on a rough lens: what exceeds it is looked at again, more carefully.
+    if disagreements(poses, np.asarray(views.points), np.asarray(views.seen.visible), inflation=1.0):
+        _check_pairs(views, cameras, image_sizes, poses, distortion, view_names)
     views, dropped = _without_poseless(views, used)
     start = _without(start, [tuple({"k1", "k2"} - set(MODELS[distortion]))] * len(cameras), image_sizes)
     frozen: tuple[tuple[str, ...], ...] = ((),) * len(cameras)
@@ -171,6 +184,72 @@ def _without(start: ArrowVariables, names: list[tuple[str, ...]], image_sizes: l
             replace(lens, intrinsics=replace(lens.intrinsics, **inner), distortion=replace(lens.distortion, **outer))
         )
     return ArrowVariables(replace(start.shared, lenses=tuple(lenses)), start.local)
+
+
+def _check_pairs(
+    views: TargetViews,
+    cameras: list[str],
+    image_sizes: list[tuple[int, int]],
+    rough: list[CameraPoses],
+    distortion: DistortionModel,
+    view_names: Sequence[tuple[str | None, ...]],
+) -> None:
+    """Refuse pairs that disagree also when each camera is calibrated alone, not only with rough start values."""
+    points, seen = np.asarray(views.points), np.asarray(views.seen.visible)
+    poses = [_alone(views, k, name, image_sizes[k], distortion, rough[k]) for k, name in enumerate(cameras)]
+    found = disagreements(poses, points, seen)
+    if found:
+        raise PairingError(_pairing_sentence(found[0], cameras, view_names))
+
+
+def _alone(
+    views: TargetViews, k: int, name: str, size: tuple[int, int], distortion: DistortionModel, rough: CameraPoses
+) -> CameraPoses:
+    """The poses of one camera calibrated alone; the rough ones where that cannot be done."""
+    mine = PixelObservations(*(x[:, [k]] for x in (views.seen.uv, views.seen.visible, views.seen.sigma)))
+    try:
+        solved = solve_targets(replace(views, seen=mine), [name], [size], distortion=distortion)
+    except (InputError, SolveError):
+        return rough
+    described = describe(solved.estimate.value, solved.views)
+    T = np.tile(np.eye(4), (len(rough.T), 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = described.R_camera_target[:, 0], described.t_camera_target[:, 0]
+    used = rough.used & np.asarray(solved.views.seen.visible).any(axis=(1, 2))
+    squares = float(np.sum(described.residual**2))
+    freedom = 2 * solved.views.observations - 6 * int(used.sum())
+    return CameraPoses(described.K[0], T, used, squares / max(freedom, 1))
+
+
+def _pairing_sentence(found: Disagreement, cameras: list[str], view_names: Sequence[tuple[str | None, ...]]) -> str:
+    """What is said of pairs that disagree."""
+    a, b = found.cameras
+
+    def name(v: int) -> str:
+        mine = view_names[v] if v < len(view_names) else (None,) * len(cameras)
+        said = list(dict.fromkeys(n for n in (mine[a], mine[b]) if n))
+        return " + ".join(said) if said else f"view {v}"
+
+    named = ", ".join(name(int(v)) for v in found.views[:8]) + (", ..." if len(found.views) > 8 else "")
+    if len(found.views) == found.total:
+        what = (
+            f"The {found.total} views that cameras {cameras[a]} and {cameras[b]} share contradict one another about "
+            f"how the cameras stand to each other: at most {found.agreeing} of them agree ({named})."
+        )
+    else:
+        what = (
+            f"{named}: {len(found.views)} of the {found.total} views that cameras {cameras[a]} and {cameras[b]} share "
+            f"contradict the {found.agreeing} that agree about how the cameras stand to each other."
+        )
+    if found.swapped:
+        return (
+            f"{what} With left and right exchanged they would agree: the two photos of these pairs are swapped. "
+            "Exchange them."
+        )
+    return (
+        f"{what} These photos were not taken at the same moment or are paired wrongly (or a camera was moved between "
+        "them). Check which belong together, leave out those that do not, and hold the board still while both "
+        "cameras take their photo."
+    )
 
 
 def _square_on(estimate: Estimate, views: TargetViews) -> str:

@@ -132,3 +132,32 @@ def test_one_photo_for_both_cameras_is_refused(jaxmocap, pairs: Path) -> None:
         "calibrate", "stereo", "--left", *left, "--right", *left, "--board", "7x5", "--square", "2cm", "-o", "r.toml"
     )
     assert done.status == 2 and "left_0.png" in done.err, done.text
+
+
+def test_photos_paired_in_the_wrong_order_are_refused(jaxmocap, pairs: Path, tmp_path: Path) -> None:
+    """Names without numbers, the right ones in reverse: nothing is written, and the pairing is blamed."""
+    for i in range(6):
+        (tmp_path / f"left_{'abcdef'[i]}.png").write_bytes((pairs / f"left_{i}.png").read_bytes())
+        (tmp_path / f"right_{'fedcba'[i]}.png").write_bytes((pairs / f"right_{i}.png").read_bytes())
+    done = jaxmocap(
+        "calibrate", "stereo", "--left", *sorted(tmp_path.glob("left*")), "--right", *sorted(tmp_path.glob("right*")),
+        "--board", "7x5", "--square", "2cm", "-o", "rig.toml",
+    )  # fmt: skip
+    assert done.status == 2, done.text
+    assert "left_a.png + right_a.png" in done.err and "same moment or are paired wrongly" in done.err
+    assert "in the order of their names" in done.err and not (tmp_path / "rig.toml").exists()
+
+
+def test_points_of_views_that_were_not_taken_at_once_are_named(jaxmocap, tmp_path: Path) -> None:
+    write_points(tmp_path / "points.csv", BOARD, 10, cameras=True)
+    with (tmp_path / "points.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    for row in rows[1:]:
+        if row[6] == "b" and row[0] in "36":  # the other camera's photos of views 3 and 6 exchanged
+            row[0] = {"3": "6", "6": "3"}[row[0]]
+    with (tmp_path / "points.csv").open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    done = jaxmocap("calibrate", "points", "points.csv", "--size", "640x480", "--unit", "mm", "-o", "c.toml")
+    assert done.status == 3, done.text
+    assert "view 3, view 6: 2 of the 10 views" in done.err and "same moment" in done.err
+    assert not (tmp_path / "c.toml").exists()
