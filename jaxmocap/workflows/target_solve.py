@@ -58,7 +58,7 @@ def make_views(points: np.ndarray, uv: np.ndarray, visible: np.ndarray, sigma: n
     return TargetViews(jnp.asarray(np.pad(wide, ((0, more[0]), (0, 0), (0, 0)), mode="edge")), observed)
 
 
-def _padded(x: np.ndarray, more: tuple[int, int], value: float) -> np.ndarray:
+def _padded(x: np.ndarray, more: tuple[int, int], value: float | bool) -> np.ndarray:
     """An array (views, cameras, points, ...) with more views and points of one value."""
     return np.pad(x, [(0, more[0]), (0, 0), (0, more[1]), *([(0, 0)] * (x.ndim - 3))], constant_values=value)
 
