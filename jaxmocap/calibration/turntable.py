@@ -172,7 +172,7 @@ def refine_board_turntable(
     """
     free, _ = _flags(start.shared)
     # The row of the held angle is one equation more.
-    count = jnp.sum(2.0 * jnp.sum(photos.seen.visible, axis=1) * weight) + 1.0
+    count = 2.0 * jnp.sum(jnp.sum(photos.seen.visible.astype(float), axis=1) * weight) + 1.0
     return least_squares(
         BOARD_PROBLEM, start, photos, points, free=free, weight=weight, count=count, by_block=True, pad=False
     )
@@ -287,14 +287,15 @@ def solve_beads(
     free, _ = _flags(start.shared)
     weight = (jnp.sum(seen.visible, axis=1) >= 2).astype(float)
     informative = jnp.sum(jnp.any(prior.root != 0, axis=1).astype(float)) - prior.mean.shape[0]
-    count = jnp.sum(2.0 * jnp.sum(seen.visible, axis=1) * weight) + informative
+    count = 2.0 * jnp.sum(jnp.sum(seen.visible.astype(float), axis=1) * weight) + informative
     groups = (seen.visible & (weight[:, None] > 0)).reshape(-1)
+    pixels = 2.0 * jnp.sum(groups.astype(float))
     value = start
-    freedom = 2.0 * jnp.sum(groups)
+    freedom = pixels
     for _ in range(_ROUNDS):
         r = _bead_sigmas(value, seen, prior).reshape(-1, 2)
         # Fitted residuals are smaller than the errors of the pixels.
-        shrunk = jnp.sqrt(2.0 * jnp.sum(groups) / freedom)
+        shrunk = jnp.sqrt(pixels / freedom)
         scale = jnp.maximum(scale_from_data(r, groups) * shrunk, 1e-6)
         scaled = eqx.tree_at(lambda s: s.sigma, seen, seen.sigma * scale)
         # In units of the sigma found, so that the prior is weighed by what a pixel is really worth.

@@ -2,10 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from jaxmocap.calibration.evidence import Weakness
+
+Angles = TypeVar("Angles", float, np.ndarray)
 
 
 @dataclass(frozen=True)
@@ -21,9 +24,9 @@ class Steps:
     """Standard deviation of the single photo about the mean steps."""
 
 
-def wrap_deg(a: np.ndarray) -> np.ndarray:
+def wrap_deg(a: Angles) -> Angles:
     """Angles in [-180, 180)."""
-    return (np.asarray(a, float) + 180.0) % 360.0 - 180.0
+    return (a + 180.0) % 360.0 - 180.0
 
 
 def smallest_step(stated_deg: np.ndarray) -> float:

@@ -5,14 +5,16 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import Flag, Matrix3, Scalar, Vector3
 from jaxmocap.cameras import Camera, pixel_of_point
 from jaxmocap.observations import PixelObservations
 from jaxmocap.optim import robust
-from jaxmocap.reconstruction.triangulation import fit_point_linear, rays
+from jaxmocap.reconstruction.triangulation import fit_point_linear, midpoint, rays
 
+_ROUNDS = 4
 _STEPS = 12  # from a linear start Gauss-Newton doubles the digits in each of the last steps; 5 suffice without outliers
 
 
@@ -149,73 +151,87 @@ class ViewVerdict(eqx.Module):
     """Which views of one point show something else."""
 
     wrong: Bool[Array, "*batch views"]
-    """Named: leaving this view out explains what is otherwise improbable."""
+    """Named: too far from where the other views say the point is."""
     probability: Float[Array, "*batch views"]
-    """Of a right view disagreeing with the others as much as this one did when it was judged (1: not judged)."""
+    """Of a right view being as far from the others or farther (1: not judged)."""
     consistent: Bool[Array, "*batch"]
     """Whether the views that are left agree; False with two views means one of them is wrong, but not which."""
     point: RefinedPoint
     """Plain least squares from the views that are left."""
 
 
-def name_wrong_views(
-    cameras: Camera, seen: PixelObservations, *, false_alarm: float = 1e-3, most: int = 3
-) -> ViewVerdict:
-    r"""Views in which another thing was taken for the point, found by leaving out one after the other.
+def name_wrong_views(cameras: Camera, seen: PixelObservations, *, false_alarm: float = 1e-3) -> ViewVerdict:
+    r"""Views in which another thing was taken for the point.
 
-    Leaving out view i lowers the sum of squares by D_i, which has a chi-squared distribution of two degrees of
-    freedom if the view is right: P(D > d) = exp(-d / 2). The view with the largest D is named if n times that is
-    below `false_alarm` (Bonferroni, n views), left out, and the rest judged again. What is left is consistent if its
+    It begins with the pair of views whose point the others agree with best. Then, four times, the point is refined
+    from the views that are kept, and every view is judged by its distance d from where the OTHER kept views say the
+    point must be, with the covariance of both: a right view is farther off with probability exp(-d^2 / 2). Kept are
+    those for which n times that is not below `false_alarm` (Bonferroni, n views). What is left is consistent if its
     own sum of squares is not less probable than `false_alarm`.
 
     Args:
         cameras: stacked over views.
-        seen: (views,) raw pixels; sigma must be honest, since it is what a residual is measured by.
+        seen: (views,) raw pixels; sigma must be honest, since it is what a distance is measured by.
         false_alarm: probability that a point whose views are all right loses one.
-        most: largest number of views that can be named; two always stay.
 
     Returns:
-        ViewVerdict; unbatched, use `jax.vmap`.
-    Source: Barnett and Lewis, Outliers in Statistical Data, 1994, chapter 8 (deletion); the document's 8.2 asks for
-        wrong names to be found.
+        ViewVerdict; unbatched, use `jax.vmap`. With two views nobody is named.
+    Source: Fischler and Bolles 1981 (consensus), with all pairs instead of random ones; Barnett and Lewis, Outliers
+        in Statistical Data, 1994, chapter 8; the stop-motion document's 8.2 asks for wrong names to be found.
     """
-    views = seen.visible.shape[0]
     from_pixels = rays(cameras, seen.uv, seen.visible)
 
-    def judge(keep: Array, last: Array) -> tuple[Array, tuple[RefinedPoint, Array]]:
+    def judge(keep: Array, _: None) -> tuple[Array, tuple[Array, RefinedPoint, Array]]:
         point = _refine(cameras, PixelObservations(seen.uv, keep, seen.sigma), from_pixels)
-        # Three views that are left have three degrees of freedom, one of them leaves one: enough to disagree.
-        judged = keep & point.valid & (point.views >= 3)
-        p = jnp.where(judged, jnp.exp(-0.5 * _drop(cameras, seen, keep, point)), 1.0)
-        worst = jnp.argmin(p)
-        named = ~last & (p[worst] * point.views < false_alarm)
-        return keep & ~(named & (jnp.arange(views) == worst)), (point, p)
+        use = seen.visible & from_pixels[2]
+        n = jnp.sum(use.astype(seen.sigma.dtype))
+        judged = use & point.valid & (n >= 3)
+        p = jnp.where(judged, jnp.exp(-0.5 * _distance2(cameras, seen, keep, point)), 1.0)
+        return jnp.where(point.valid, use & (p * n >= false_alarm), keep), (keep, point, p)
 
-    rounds = jnp.arange(most + 1) == most
-    keep, (points, p) = jax.lax.scan(judge, seen.visible, rounds)
-    point = jax.tree.map(lambda x: x[-1], points)
+    _, rounds = jax.lax.scan(judge, _best_pair(cameras, seen, from_pixels), None, length=_ROUNDS)
+    keep, point, p = jax.tree.map(lambda x: x[-1], rounds)
     freedom = jnp.maximum(2.0 * point.views - 3.0, 1.0)
     tail = jax.scipy.special.gammaincc(0.5 * freedom, 0.5 * point.chi2)
-    # A named view was judged last in the round that named it, where it was the least probable.
-    wrong = seen.visible & ~keep
-    return ViewVerdict(wrong, jnp.where(wrong, jnp.min(p, axis=0), p[-1]), (tail >= false_alarm) | ~point.valid, point)
+    return ViewVerdict(seen.visible & ~keep, p, (tail >= false_alarm) | ~point.valid, point)
 
 
-def _drop(cameras: Camera, seen: PixelObservations, keep: Array, point: RefinedPoint) -> Float[Array, "views"]:
-    """By how much the sum of squares falls when one view is left out, r_i^T (1 - J_i C J_i^T)^-1 r_i to first order.
+def _best_pair(cameras: Camera, seen: PixelObservations, from_pixels: tuple[Array, Array, Array]) -> Array:
+    """The two views whose point the others agree with best (least Cauchy loss); all views if no more than two count."""
+    centre, v, inside = from_pixels
+    use = inside & seen.visible
+    i, j = np.triu_indices(len(seen.uv), 1)
+    points, _, crossing = jax.vmap(midpoint)(centre[i], v[i], centre[j], v[j])
 
-    Exact for a linear problem; the least sum without a view is then the same as the least sum with two more unknowns
-    that take up what that view says.
+    def loss(p: Array) -> Scalar:
+        r = _residuals(cameras, seen, use, p)
+        return jnp.sum(jnp.log1p(jnp.sum(r * r, axis=1) / robust.TUNING["cauchy"] ** 2))
+
+    possible = use[i] & use[j] & crossing
+    best = jnp.argmin(jnp.where(possible, jax.vmap(loss)(points), jnp.inf))
+    index = jnp.arange(len(seen.uv))
+    pair = (index == jnp.asarray(i)[best]) | (index == jnp.asarray(j)[best])
+    return jnp.where(jnp.any(possible) & (jnp.sum(use) > 2), pair, use)
+
+
+def _distance2(cameras: Camera, seen: PixelObservations, keep: Array, point: RefinedPoint) -> Float[Array, "views"]:
+    """Squared distance of each view from what the other kept views say, in units of its standard deviation.
+
+    For a view that is not kept the covariance of the difference is 1 + J C J^T; a kept one has pulled the point to
+    itself, and its residual r has covariance 1 - J C J^T: r^T (1 - J C J^T)^-1 r is by how much the sum of squares
+    falls without it, to first order.
     """
 
     def residual(p: Array) -> Array:
-        return _residuals(cameras, seen, keep, p)
+        return _residuals(cameras, seen, seen.visible, p)
 
     r, J = residual(point.p_world), jax.jacfwd(residual)(point.p_world)
     C = jnp.where(point.valid, point.covariance, 0.0)
-    left = jnp.eye(2, dtype=r.dtype)[None] - jnp.einsum("vai,ij,vbj->vab", J, C, J)
-    a, b, d = left[:, 0, 0], left[:, 0, 1], left[:, 1, 1]
+    sign = jnp.where(keep, -1.0, 1.0)[:, None, None]
+    S = jnp.eye(2, dtype=r.dtype)[None] + sign * jnp.einsum("vai,ij,vbj->vab", J, C, J)
+    a, b, d = S[:, 0, 0], S[:, 0, 1], S[:, 1, 1]
     determinant = a * d - b * b
-    usable = determinant > 1e-12
+    # Singular: the other views leave the point free in some direction, and say nothing of this view along it.
+    usable = determinant > 1e-9
     inverse_r = jnp.stack([d * r[:, 0] - b * r[:, 1], a * r[:, 1] - b * r[:, 0]], axis=1)
     return jnp.where(usable, jnp.sum(r * inverse_r, axis=1) / jnp.where(usable, determinant, 1.0), 0.0)

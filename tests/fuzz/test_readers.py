@@ -58,6 +58,27 @@ YAML = (
     + "R: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=3, data="1., 0., 0., 0., 1., 0., 0., 0., 1.")
     + "T: !!opencv-matrix\n" + MATRIX.format(rows=3, cols=1, data="-60., .5, 0.")
 )  # fmt: skip
+TURNTABLE = """\
+rotation = [3.0, 0.0, 0.0]
+distance = 400.0
+height = 80.0
+covariance = [[1e-6, 0, 0, 1e-5], [0, 1e-6, 0, 0], [0, 0, 1e-6, 0], [1e-5, 0, 0, 0.04]]
+[axis]
+point = [0.0, 56.44800322394687, 395.99699864017817]
+direction = [0.0, -0.9899924966004454, 0.1411200080598672]
+[angles_deg]
+"a_000.jpg" = 0
+"a_030.jpg" = 30.25
+[sigma_angles_deg]
+"a_030.jpg" = 0.07
+[metadata]
+schema = 1
+unit = "mm"
+error = 0.25
+held = ["height", "zero angle"]
+[metadata.inputs]
+"a_000.jpg" = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
+"""
 COLOURS = """\
 [colours]
 "head.1" = { h = 0.499, s = 0.176, b = 0.754, sd = [0.02, 0.03, 0.1], n = 7 }
@@ -106,6 +127,7 @@ SEEDS: dict[str, str | bytes] = {
     "read_glb": _glb(),
     "read_colours": COLOURS,
     "read_rig": TOML,
+    "read_turntable": TURNTABLE,
     "read_opencv_yaml": YAML,
     "read_correspondences": "view,x,y,z,u,v,sigma,camera\n" + "1,0.5,1e-3,-2,10.25,20.5,0.1,left\n" * 8,
     "read_observations": "frame,camera,marker,u,v,sigma\n" + '3,"cam 1",,10.25,20.5,0.1\n' * 8,

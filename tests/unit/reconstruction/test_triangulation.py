@@ -54,12 +54,15 @@ def test_dlt_is_opencv_s():
     _, _, _, (p, valid) = solved(RIG, jnp.asarray(noisy), jnp.asarray(two))
     rotvec, t = scene.poses()
     P = [np.hstack([cv2.Rodrigues(r)[0], x[:, None]]) for r, x in zip(rotvec, t)]
-    # OpenCV's own undistortion stops at five steps unless told otherwise.
+    # OpenCV's own undistortion stops at five steps unless told otherwise; OpenCV 4 has a function of its own for it.
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 200, 1e-14)
-    ideal = [
-        cv2.undistortPointsIter(np.ascontiguousarray(noisy[:, k]), scene.K, scene.LENS, None, None, stop)[:, 0].T
-        for k in (0, 2)
-    ]
+
+    def undistort(uv):
+        if hasattr(cv2, "undistortPointsIter"):
+            return cv2.undistortPointsIter(uv, scene.K, scene.LENS, None, None, stop)[:, 0].T
+        return cv2.undistortPoints(uv, scene.K, scene.LENS, criteria=stop)[:, 0].T
+
+    ideal = [undistort(np.ascontiguousarray(noisy[:, k])) for k in (0, 2)]
     X = cv2.triangulatePoints(P[0], P[2], *ideal)
     assert valid.all()
     np.testing.assert_allclose(p, (X[:3] / X[3]).T, atol=1e-6)
