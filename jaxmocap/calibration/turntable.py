@@ -76,16 +76,16 @@ class TurntableEstimate(NamedTuple):
     turntable: Turntable
     angles: Float[Array, "photos"]
     """[rad]."""
-    covariance: Float[Array, "n n"]
+    covariance: Float[np.ndarray, "n n"]
     """Of (rotvec [rad], distance [scene], angles [rad]), 4 + photos numbers; zero where held. The lens's share is
     in it."""
-    covariance_data: Float[Array, "n n"]
+    covariance_data: Float[np.ndarray, "n n"]
     """The same for an exact lens."""
     residual: Float[Array, "..."]
     """Measured minus predicted [px], zero where nothing was seen: (photos, points, 2) or (beads, photos, 2)."""
     points: Float[Array, "points 3"]
     """Beads, or the corners of the board, in the world at angle 0 [scene]."""
-    covariance_points: Float[Array, "points 3 3"]
+    covariance_points: Float[np.ndarray, "points 3 3"]
     """Of the beads, turntable, angles and lens included [scene^2]; zeros for a board."""
     estimate: Estimate
 
@@ -214,7 +214,7 @@ def solve_board(
     total, data = (np.asarray(c)[np.ix_(keep, keep)] * np.outer(moves, moves) for c in joint)
     r, corners = _board_description(value, photos, points)
     return TurntableEstimate(
-        value.shared.turntable, value.local, total, data, r, corners, jnp.zeros((len(corners), 3, 3)), estimate
+        value.shared.turntable, value.local, total, data, r, corners, np.zeros((len(corners), 3, 3)), estimate
     )
 
 
@@ -229,7 +229,7 @@ def bead_prior(
     stated: Float[Array, "photos"],
     held: Bool[Array, "photos"],
     *,
-    covariance: Float[Array, "4 4"] | None = None,
+    covariance: Float[np.ndarray, "4 4"] | None = None,
     sigma_angle: float | None = None,
 ) -> BeadPrior:
     """What beads are solved with: the zero angle of each take held, and a scale from somewhere.
@@ -251,7 +251,7 @@ def bead_prior(
     if covariance is None:
         root[3, 3] = 1e9 / float(turntable.distance)
     else:
-        root[:4, :4] = np.linalg.inv(np.linalg.cholesky(np.asarray(covariance)))
+        root[:4, :4] = np.linalg.inv(np.linalg.cholesky(covariance))
     loose = 0.0 if sigma_angle is None else 1.0 / sigma_angle
     root[4:, 4:] = np.diag(np.where(np.asarray(held), 1e9, loose))
     mean = jnp.concatenate([turntable.rotvec, turntable.distance[None], jnp.asarray(stated)])
@@ -367,7 +367,7 @@ def _axis_numbers(turntable: Turntable, covariance: Float[Array, "4 4"]) -> tupl
     return numbers(x), jnp.sqrt(jnp.maximum(jnp.einsum("ni,ij,nj->n", J, covariance, J), 0.0))
 
 
-def axis_numbers(turntable: Turntable, covariance: Float[Array, "4 4"]) -> AxisNumbers:
+def axis_numbers(turntable: Turntable, covariance: Float[np.ndarray, "4 4"]) -> AxisNumbers:
     """What a turntable's numbers mean.
 
     Args:

@@ -105,7 +105,7 @@ def test_board_sigmas_cover_point_and_direction_of_the_axis(board_repeats):
     true = [np.asarray(v) for v in TRUE.axis()]
     z = []
     for row, c in zip(x, C):
-        axis = axis_numbers(Turntable(jnp.asarray(row[:3]), jnp.asarray(row[3]), TRUE.height), jnp.asarray(c[:4, :4]))
+        axis = axis_numbers(Turntable(jnp.asarray(row[:3]), jnp.asarray(row[3]), TRUE.height), c[:4, :4])
         z.append([(axis.point - true[0]) / axis.sigma_point, (axis.direction - true[1]) / axis.sigma_direction])
     z = np.array(z)[:, :, [0, 2]]  # y of point and direction follow from the others to second order
     assert np.all(within_three(np.mean(np.abs(z) < 2, axis=0), 0.954, REPEATS)), np.mean(np.abs(z) < 2, axis=0)
@@ -131,7 +131,7 @@ def test_bead_sigmas_cover_turntable_angles_and_beads():
         off = RNG.multivariate_normal(np.zeros(4), known)
         file = Turntable(TRUE.rotvec + off[:3], TRUE.distance + off[3], TRUE.height)
         seen = PixelObservations.of(exact + RNG.normal(0, 0.15, exact.shape), jnp.asarray(visible), 0.5)
-        prior = bead_prior(file, jnp.asarray(stated), jnp.asarray(held), covariance=jnp.asarray(known))
+        prior = bead_prior(file, jnp.asarray(stated), jnp.asarray(held), covariance=known)
         used = lens_of(lenses[k])
         e = solve_beads(start_beads(file, jnp.asarray(stated), used, seen), seen, prior, C_lens)
         assert e.estimate.success
