@@ -23,7 +23,7 @@ _INSIDE = (3, 4, 6)  # samples before the edge, 1.5 to 3 px, where the bead show
 _OUTSIDE = (2, 3, 4, 5)  # samples after it, 1 to 2.5 px, the darkest of which is what lies around
 _SAME_COLOUR, _OTHER_COLOUR = np.radians((8.0, 24.0))
 _BRIGHT = 0.4
-_LEVEL = 0.2
+_SIZES, _EDGE_LEVELS = (1.5, 4.0), (0.5, 0.2)
 _BEYOND = 1.0  # px past the edge that must still be background
 _ANGLE = np.arange(RAYS) * (2 * np.pi / RAYS)
 _DIRECTIONS = np.stack([np.cos(_ANGLE), np.sin(_ANGLE)], axis=1)  # (RAYS, 2)
@@ -59,7 +59,7 @@ class Edges(NamedTuple):
     found: NDArray[np.bool_]
 
 
-def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seeds, reach: float) -> Edges:
+def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seeds, size: float, reach: float) -> Edges:
     """Edge points of each seed's bead.
 
     Args:
@@ -67,6 +67,7 @@ def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seed
         owners: int32 (h, w): which bead a pixel is known to belong to, 0 for none. A ray ends at a pixel of
             another bead, and where it ends says nothing about this bead's disc.
         seeds: Where to look.
+        size: Radius that beads of this picture usually have, px.
         reach: Length of the rays, px.
 
     Returns:
@@ -76,8 +77,9 @@ def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seed
     points = seeds.uv[:, None, None, :] + distance[:, None] * _DIRECTIONS[None, :, None, :]
     own = _ownness(_sample(rgb, points), seeds)  # (n, RAYS, S)
     own = np.where(distance < 0.5 * seeds.inner[:, None, None], 1.0, own)  # a highlight there is no edge
-    first = _first_below(own, np.full(own.shape[:2], _LEVEL + 0.05), np.zeros(own.shape[:2], int))
-    level = _half_way(own, first)
+    edge = _edge_level(size)
+    first = _first_below(own, np.full(own.shape[:2], edge + 0.05), np.zeros(own.shape[:2], int))
+    level = _half_way(own, first, edge)
     crossing, found = _crossing(own, level, first)
     uv = seeds.uv[:, None, :] + crossing[..., None] * _STEP * _DIRECTIONS[None]
     beyond = uv + _BEYOND * _DIRECTIONS[None]
@@ -131,12 +133,21 @@ def _first_below(own: Floats, level: Floats, start: NDArray[np.int_]) -> NDArray
     return np.where(below.any(-1), below.argmax(-1), own.shape[-1] - 1)
 
 
-def _half_way(own: Floats, first: NDArray[np.int_]) -> Floats:
+def _edge_level(size: float) -> float:
+    """Half of a bead's light at its edge, relative to its inside.
+
+    A matt sphere lit from the camera has about 0.4 of its light where a pixel still lies wholly within a large outline.
+    Of a small one blur leaves no rim that is darker than the rest, and the edge is at half of the whole.
+    """
+    return float(np.interp(size, _SIZES, _EDGE_LEVELS))
+
+
+def _half_way(own: Floats, first: NDArray[np.int_], edge: float) -> Floats:
     """Half way between what is inside and what is outside of a first guess of the edge, on each ray."""
     last = own.shape[-1] - 1
     inside = [np.take_along_axis(own, np.clip(first - k, 0, last)[..., None], -1)[..., 0] for k in _INSIDE]
     outside = [np.take_along_axis(own, np.clip(first + k, 0, last)[..., None], -1)[..., 0] for k in _OUTSIDE]
-    return _LEVEL * np.max(inside, axis=0) + 0.5 * np.min(outside, axis=0)
+    return edge * np.max(inside, axis=0) + 0.5 * np.min(outside, axis=0)
 
 
 def _crossing(own: Floats, level: Floats, first: NDArray[np.int_]) -> tuple[Floats, NDArray[np.bool_]]:

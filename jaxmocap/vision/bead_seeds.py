@@ -22,9 +22,10 @@ _RIM = 0.2  # light of a bead's rim, of its middle: a sphere lit from the camera
 _LEVEL_RATIO = 0.5 ** (1 / 2.2)  # half of the light, in coded brightness
 _SAME_COLOUR = np.radians(16.0)
 _MOST = 200  # patches that are looked at in one round, largest first
-_ROUND_PATCH = 2.5
+_ROUND_PATCH = 1.5
 """A patch of more than so many times the area of its largest inner circle is not one bead (a disc: 1)."""
-RADIUS_SPREAD = 2.0
+_RAGGED = 0.7  # px by which the largest circle of whole pixels within a disc may fall short of it
+RADIUS_SPREAD = 2.2
 """Of beads of one size in one picture, the nearest is not so many times as large as the median one: the camera
 would be within the figure."""
 
@@ -168,13 +169,19 @@ def empty_seeds() -> Seeds:
     return Seeds(none[:, :2], none[:, 0], none, none, np.zeros(0, int))
 
 
-def guess_radius(inner: Floats, area: NDArray[np.int_]) -> float | None:
-    """Radius that most of the round patches have, by their area, px; None without patches."""
-    disc = np.pi * np.maximum(inner, 0.5) ** 2
-    roundish = (area < _ROUND_PATCH * disc) & (inner >= 1.0)
-    if not roundish.any():
-        roundish = inner > 0
-    return weighted_median(inner[roundish], disc[roundish]) if roundish.any() else None
+def guess_radius(inner: Floats, area: NDArray[np.int_], light: Floats) -> float | None:
+    """Radius that bright round patches usually have, px; None if no patch is round.
+
+    Args:
+        inner: Radius of the largest circle within each patch, px.
+        area: Of each patch, px^2.
+        light: Linear light of the level at which it is a patch: beads are brighter than the figure's patches.
+    """
+    round_ones = area < _ROUND_PATCH * np.pi * (inner + _RAGGED) ** 2
+    if not round_ones.any():
+        return None
+    radius = np.sqrt(area[round_ones] / np.pi)
+    return weighted_median(radius, light[round_ones] * radius**1.5)  # between counting patches and their area
 
 
 def weighted_median(values: Floats, weights: Floats) -> float:

@@ -83,27 +83,29 @@ def find_beads(
         return _none()
     prior = _size_of_beads(circles, limits)
     seeds = _recentred(seeds, circles, patches)
-    circles = fit_circles(trace_edges(patches.linear, patches.owners, seeds, 2 * limits[1] + _MARGIN), limits, prior)
+    size = prior[0] if prior else float(np.sqrt(limits[0] * limits[1]))
+    edges = trace_edges(patches.linear, patches.owners, seeds, size, 2 * limits[1] + _MARGIN)
+    circles = fit_circles(edges, limits, prior)
     return _best(_measure(rgb, patches, seeds, circles), most)
 
 
 def _radius_range(patches: Patches) -> tuple[float, float]:
     """Radii that beads of this picture may have: around that of most round patches, at whatever brightness."""
-    inner, area = [], []
-    for level in patches.levels()[1::2]:
+    patches_of = []
+    for level in patches.levels()[::2]:
         patches.expose(level)
-        _, depth, size = patches.peaks()
-        small = depth < min(patches.value.shape) / 8  # the figure has to be in the picture too
-        inner.append(depth[small])
-        area.append(size[small])
-    guess = guess_radius(np.concatenate(inner), np.concatenate(area)) if inner else None
+        _, inner, area = patches.peaks()
+        small = inner < min(patches.value.shape) / 8  # the figure has to be in the picture too
+        light = np.full(small.sum(), (level / 255.0) ** 2.2)
+        patches_of.append((inner[small], area[small], light))
+    guess = guess_radius(*map(np.concatenate, zip(*patches_of))) if patches_of else None
     return (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
 
 
 def _level_by_level(patches: Patches, limits: tuple[float, float]) -> tuple[Seeds, Circles]:
     """Seeds and first circles: bright beads first, then darker ones and those behind what has been explained."""
     found = [(empty_seeds(), no_circles())]
-    first = 1
+    first, size = 1, float(np.sqrt(limits[0] * limits[1]))
     for level in patches.levels():
         if level < _dimmest(found):
             break
@@ -113,7 +115,8 @@ def _level_by_level(patches: Patches, limits: tuple[float, float]) -> tuple[Seed
             if not len(new.uv):
                 break
             first = int(new.owner[-1]) + 1
-            circles = fit_circles(trace_edges(patches.linear, patches.owners, new, 2 * limits[1] + _MARGIN), limits)
+            edges = trace_edges(patches.linear, patches.owners, new, size, 2 * limits[1] + _MARGIN)
+            circles = fit_circles(edges, limits)
             good = _plausible(circles)
             patches.explain(circles.uv[good], circles.radius[good], select(new, good))
             patches.pass_over(new.uv, new.inner)
@@ -157,7 +160,9 @@ def _recentred(seeds: Seeds, circles: Circles, patches: Patches) -> Seeds:
 def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Circles) -> BeadCandidates:
     """The record of all plausible circles, unsorted."""
     keep = _plausible(circles)
-    seeds, circles = Seeds(*(f[keep] for f in seeds)), Circles(*(f[keep] for f in circles))
+    if not keep.any():
+        return _none()
+    seeds, circles = select(seeds, keep), Circles(*(field[keep] for field in circles))
     variance = np.trace(circles.covariance[:, :2, :2], axis1=1, axis2=2) / 2
     return BeadCandidates(
         uv=circles.uv,
