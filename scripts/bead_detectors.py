@@ -3,7 +3,7 @@
     python scripts/bead_detectors.py [DATA] [--photos 12] [--seed 0]
 
 First table: three detectors on the rendered photos in DATA/rendered_puppet (without DATA, on drawn ones). The Hough
-transforms get the edge map (OpenCV's: the grey picture) of document 000, section 3.3.1, and its 16 circles of 5 to 7 px,
+transforms get the edge map (OpenCV's: the grey picture) of document 000, section 3.3.1, 16 circles of 5 to 7 px,
 or more of them in a wider range. Found: share of clearly visible beads (95 % of the disc or more, all of it in the
 picture) with a circle within 1 px of the centre of the outline. Second table: `find_beads` on drawn photos under other
 conditions, with z = (found - true) / sigma per coordinate.
