@@ -8,10 +8,11 @@ power series: a quotient such as sin(t)/t loses half its digits in every derivat
 the identity, where calibrations of well-built rigs start.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jaxmocap._arrays import Matrix3, Scalar, Vector3
+from jaxmocap._arrays import Flag, Matrix3, Scalar, Vector3
 from jaxmocap._errors import InputError
 
 Quaternion = Float[Array, "4"]
@@ -264,15 +265,35 @@ def between(a: Vector3, b: Vector3, axis: Vector3) -> Matrix3:
     return jnp.where(opposite, half_turn, R)
 
 
+@jax.custom_jvp
 def nearest_rotation(M: Matrix3) -> Matrix3:
-    """The rotation matrix nearest to M in the Frobenius norm (determinant +1).
+    r"""The rotation matrix nearest to M in the Frobenius norm (determinant +1).
 
+    With M = R S, S symmetric, dR = R [w]_x, where (tr(S) I - S) w is the vector of R^T dM - dM^T R: right at an exact
+    rotation too, where the singular values are equal and a derivative through their vectors would be 0/0.
+
+    Args:
+        M: any matrix.
+
+    Returns:
+        R; differentiable wherever it is unique.
     Source: optical tracking document, 4.4.5 (re-orthonormalisation); Arun, Huang, Blostein 1987.
     """
     U, _, Vt = jnp.linalg.svd(M)
     # Determinants are +-1; written out, they need no factorisation.
     sign = jnp.sign(jnp.sum(U[0] * jnp.cross(U[1], U[2])) * jnp.sum(Vt[0] * jnp.cross(Vt[1], Vt[2])))
     return (U * jnp.stack([jnp.ones_like(sign), jnp.ones_like(sign), sign])[None, :]) @ Vt
+
+
+@nearest_rotation.defjvp
+def _nearest_rotation_jvp(primals: tuple[Matrix3], tangents: tuple[Matrix3]) -> tuple[Matrix3, Matrix3]:
+    (M,), (dM,) = primals, tangents
+    R = nearest_rotation(M)
+    S, A = R.T @ M, R.T @ dM
+    # R^T dM = [w] S + dS; its skew part ([w] S + S [w]) / 2 has the vector (tr(S) I - S) w / 2.
+    skew = jnp.stack([A[2, 1] - A[1, 2], A[0, 2] - A[2, 0], A[1, 0] - A[0, 1]])
+    w = jnp.linalg.solve(jnp.trace(S) * jnp.eye(3, dtype=S.dtype) - S, skew)
+    return R, R @ cross_matrix(w)
 
 
 def axis_angle_from_rotvec(rotvec: Vector3) -> tuple[Vector3, Scalar]:
@@ -321,7 +342,9 @@ def euler_from_matrix(R: Matrix3, order: str) -> Vector3:
     """Euler angles [rad] of a rotation matrix, the inverse of `matrix_from_euler`.
 
     At gimbal lock (middle angle at the end of its range) only a sum or difference of the outer angles is
-    determined; the third letter's angle (for capitals; the first for small letters) is then 0.
+    determined; the third letter's angle (for capitals; the first for small letters) is then 0. For a letter that
+    occurs twice ("ZXZ") the identity is such a lock. Derivatives are finite there: those of the sum or difference,
+    and 0 for the others, which in truth have none there.
 
     Args:
         R: rotation matrix.
@@ -341,22 +364,28 @@ def euler_from_matrix(R: Matrix3, order: str) -> Vector3:
     even = 1.0 if (j - i) % 3 == 1 else -1.0
     proper = letters[0] == letters[2]
     if proper:  # R[i, i] = cos(middle)
-        sin_middle = jnp.hypot(R[i, j], R[i, k])
-        locked = sin_middle < 1e-12
+        sin_middle, locked = _hypot(R[i, j], R[i, k])
         middle = jnp.arctan2(sin_middle, R[i, i])
-        first = jnp.arctan2(R[j, i], -even * R[k, i])
+        sine, cosine = R[j, i], -even * R[k, i]
     else:  # Tait-Bryan angles: R[i, k] = +-sin(middle)
-        cos_middle = jnp.hypot(R[i, i], R[i, j])
-        locked = cos_middle < 1e-12
+        cos_middle, locked = _hypot(R[i, i], R[i, j])
         middle = jnp.arctan2(even * R[i, k], cos_middle)
-        first = jnp.arctan2(-even * R[j, k], R[k, k])
-    first = jnp.where(locked, jnp.arctan2(even * R[k, j], R[j, j]), first)
+        sine, cosine = -even * R[j, k], R[k, k]
+    first = jnp.arctan2(jnp.where(locked, even * R[k, j], sine), jnp.where(locked, R[j, j], cosine))
     # The last angle is read after the first turn is undone: near the lock the outer angles are badly determined one
     # by one, and read independently they would not make up the rotation again (wrong by 1e-16 / distance).
     row = jnp.cos(first) * R[j] + even * jnp.sin(first) * R[k]
     last = jnp.arctan2(-even * row[k] if proper else even * row[i], row[j])
     angles = jnp.stack([first, middle, jnp.where(locked, 0.0, last)])
     return angles if order.isupper() else angles[::-1]
+
+
+def _hypot(a: Scalar, b: Scalar) -> tuple[Scalar, Flag]:
+    """The length of (a, b), and whether it is too small to have a direction: its derivative is then 0, not NaN."""
+    squared = a * a + b * b
+    small = squared < 1e-24
+    length = jnp.sqrt(jnp.where(small, 1.0, squared))
+    return jnp.where(small, jnp.hypot(*jax.lax.stop_gradient((a, b))), length), small
 
 
 def _check_order(order: str) -> None:

@@ -123,3 +123,39 @@ def test_the_difference_of_equal_half_turns_can_be_differentiated():
     np.testing.assert_allclose(reverse, half_turn, atol=1e-14)
     np.testing.assert_allclose(forward, central_difference(value, w, 1e-5), atol=1e-9)
     assert np.all(np.isfinite(second))
+
+
+@pytest.mark.parametrize("kind", ["rotations", "others"])
+def test_nearest_rotation_can_be_differentiated_everywhere(kind):
+    """At exact rotations all singular values are equal; a matrix of negative determinant is turned over."""
+    R = over(rotation.exp, np.concatenate([np.zeros((1, 3)), rotation_vectors("uniform", 3, seed=5)]))
+    others = np.concatenate([np.random.default_rng(3).normal(size=(3, 3, 3)), np.diag([1.0, 1.0, -0.1])[None]])
+    both, value, _ = derivatives(rotation.nearest_rotation)
+    for M in R if kind == "rotations" else others:
+        forward, reverse, second = (np.asarray(a) for a in both(jnp.array(M)))
+        slopes = central_difference(lambda m: value(m.reshape(3, 3)), M.ravel(), 1e-5)
+        np.testing.assert_allclose(forward, slopes.reshape(3, 3, 3, 3), atol=2e-8)
+        np.testing.assert_allclose(reverse, forward, atol=1e-12)
+        assert np.all(np.isfinite(second))
+        if kind == "rotations":  # along the rotations it is the identity, across them nothing
+            W = rotation.cross_matrix(jnp.array([0.3, -0.7, 0.2]))
+            np.testing.assert_allclose(np.einsum("abij,ij->ab", forward, M @ W), M @ W, atol=1e-13)
+            np.testing.assert_allclose(np.einsum("abij,ij->ab", forward, M @ W @ W), 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("order", ["ZXZ", "zxz", "ZYX"])
+def test_euler_angles_have_finite_derivatives_at_gimbal_lock(order):
+    """Where the middle letter turns by 0 (ZXZ) or 90 degrees, only the sum or difference of the others is known."""
+    middle = 0.0 if order.upper() == "ZXZ" else np.pi / 2
+    both, _, _ = derivatives(lambda R: rotation.euler_from_matrix(R, order))
+    for first in (0.0, 0.7):
+        about = np.array([first, middle, 0.0] if order.isupper() else [0.0, middle, first])
+        R = rotation.matrix_from_euler(jnp.array(about), order)
+        forward, reverse, second = (np.asarray(a) for a in both(R))
+        assert np.all(np.isfinite(second))
+        np.testing.assert_allclose(reverse, forward, atol=1e-12)
+        # Turning on about z, the axis of the outer letter, moves that angle alone, at the rate of the turn.
+        outer = 0 if order.isupper() else 2
+        turn = rotation.cross_matrix(jnp.array([0.0, 0.0, 1.0])) @ R
+        moved = np.einsum("aij,ij->a", forward, turn)
+        np.testing.assert_allclose(moved, np.eye(3)[outer], atol=1e-12)
