@@ -11,10 +11,10 @@ from jaxmocap.bodies.puppet import MARKERS
 from jaxmocap.cameras.camera import Camera
 from jaxmocap.tracking.bead_colours import BeadColours, learn_colours
 from jaxmocap.tracking.candidates import stack_candidates
-from jaxmocap.tracking.layout import facing, name_tpose
+from jaxmocap.tracking.layout import Layout, facing, name_tpose
 from jaxmocap.tracking.naming import look_alike
 from jaxmocap.tracking.rounds import GATE, Refine, tighten
-from jaxmocap.tracking.tracks import without_doubles
+from jaxmocap.tracking.tracks import Tracks, without_doubles
 
 
 @dataclass(frozen=True)
@@ -67,10 +67,7 @@ def colours_from_tpose(
     table = stack_candidates(photos)
     rounds = tighten(table, cameras, gate, refine)
     tracks = without_doubles(rounds.tracks, table, rounds.views)
-    tracks = tracks.take(np.flatnonzero(tracks.support > 0))
-    front, ahead = facing(tracks.p_world, rounds.views.centre_world, tracks.index >= 0)
-    tracks = tracks.take(np.flatnonzero(ahead))
-    layout = name_tpose(tracks.p_world, front, tracks.views)
+    tracks, layout = _laid_out(tracks.take(np.flatnonzero(tracks.support > 0)), rounds.views.centre_world)
     found = np.flatnonzero(layout.point >= 0)
     index, p_world = np.full((len(photos), len(MARKERS)), -1), np.zeros((len(MARKERS), 3))
     index[:, found] = tracks.index[layout.point[found]].T
@@ -79,3 +76,18 @@ def colours_from_tpose(
     colours = learn_colours([MARKERS[m] for m in found], samples) if len(found) else None
     alike = () if colours is None else look_alike(colours)
     return TPoseColours(colours, index, p_world, rounds.cameras, rounds.gate, layout.turned, (*layout.problems, *alike))
+
+
+def _laid_out(tracks: Tracks, centre_world: Float[np.ndarray, "photos 3"]) -> tuple[Tracks, Layout]:
+    """Tracks and their names; where there are more than beads, the worst supported are left out until names fit."""
+    best: tuple[Tracks, Layout] | None = None
+    for count in range(len(tracks.index), 0, -1):
+        kept = tracks.take(np.sort(np.argsort(-tracks.support, kind="stable")[:count]))
+        front, ahead = facing(kept.p_world, centre_world, kept.index >= 0)
+        kept = kept.take(np.flatnonzero(ahead))
+        layout = name_tpose(kept.p_world, front, kept.views)
+        if best is None or (layout.point >= 0).sum() > (best[1].point >= 0).sum():
+            best = kept, layout
+        if layout.complete or count <= len(MARKERS):
+            break
+    return best or (tracks, name_tpose(tracks.p_world))
