@@ -54,7 +54,7 @@ class Picture:
 
     data: bytes
     media_type: str
-    """"image/svg+xml" or "image/jpeg"."""
+    """"image/svg+xml", "image/jpeg" or "image/png"."""
     title: str
     caption: str
     """One sentence: how to read it."""

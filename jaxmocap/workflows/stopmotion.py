@@ -97,7 +97,7 @@ def photos_by_angle(patterns: str | Path | Sequence[str | Path], angle: float | 
 
 
 def learn_colours(
-    tpose: str | Path,
+    tpose: str | Path | Sequence[str | Path],
     camera: str | Path,
     *,
     turntable: str | Path | None = None,
@@ -108,7 +108,7 @@ def learn_colours(
     """Colours of the beads from a turn of the T-pose; beads are named from where they are.
 
     Args:
-        tpose: folder of photographs *_<angle>.jpg.
+        tpose: photographs *_<angle>.jpg, or their folder.
         camera: rig file of the camera.
         turntable: turntable file; None: the document's build is the start.
         output: where the colours will be written.
