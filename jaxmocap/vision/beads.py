@@ -28,7 +28,12 @@ _DIMMEST = 0.1
 """Light of the darkest part of a bead, relative to a usual bead: matt black reflects about 4 %, paint of
 bright colour 30 to 90 %, so that what is darker is as likely the figure."""
 _MARGIN = 3.0  # px that rays run past the farthest edge
-_FLOOR = 0.05
+_FLOOR, _FLOOR_OF_RADIUS = 0.02, 0.004
+"""Error common to all edge points, px and of the radius: pixels are not points, and light and surroundings differ from
+one side of a bead to the other. With it z^2 of clear beads is about 1 in `scripts/bead_detectors.py`."""
+_HIDDEN = 1.5
+"""How much more the centre scatters, in parts of its sigma, if nothing of the outline is seen: some of the points
+taken for outline then belong to the edge of what hides the rest (same script)."""
 _RADIUS_SD = 0.12  # of the median radius: beads at 340 to 460 mm of a camera at 400 mm
 
 
@@ -163,17 +168,23 @@ def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Ci
     if not keep.any():
         return _none()
     seeds, circles = select(seeds, keep), Circles(*(field[keep] for field in circles))
-    variance = np.trace(circles.covariance[:, :2, :2], axis1=1, axis2=2) / 2
     return BeadCandidates(
         uv=circles.uv,
         radius=circles.radius,
-        sigma=np.sqrt(variance + _FLOOR**2),
+        sigma=_sigma(circles),
         hsb=_inside_hsb(rgb, patches.owners, seeds, circles),
         score=circles.arc * np.exp(-((circles.rms / _WORST_RMS) ** 2)) * (1 - circles.outside),
         hsb_square=square_hsb(rgb, circles.uv),
         arc=circles.arc,
         merged=_touched(circles),
     )
+
+
+def _sigma(circles: Circles) -> Floats:
+    """Standard deviation per coordinate, (n,), px: scatter of the edge points and what is common to them."""
+    variance = np.trace(circles.covariance[:, :2, :2], axis1=1, axis2=2) / 2
+    scatter = (1.0 + _HIDDEN * (1.0 - circles.arc)) ** 2 * variance
+    return np.sqrt(scatter + _FLOOR**2 + (_FLOOR_OF_RADIUS * circles.radius) ** 2)
 
 
 def _touched(circles: Circles) -> NDArray[np.bool_]:
