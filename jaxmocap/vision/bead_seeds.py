@@ -20,7 +20,7 @@ _LEAST_AREA = 4  # px: of a bead of 1.5 px radius, seven pixels are bright
 _EDGE = 1.0  # px: how far blur carries a bead's edge
 _RIM = 0.2  # light of a bead's rim, of its middle: a sphere lit from the camera has less at its very edge only
 _LEVEL_RATIO = 0.5 ** (1 / 2.2)  # half of the light, in coded brightness
-_SAME_COLOUR = np.radians(16.0)
+_SAME_COLOUR = np.radians(12.0)
 _MOST = 200  # patches that are looked at in one round, largest first
 _ROUND_PATCH = 1.5
 """A patch of more than so many times the area of its largest inner circle is not one bead (a disc: 1)."""

@@ -22,6 +22,7 @@ from jaxmocap.vision.threshold import check_rgb
 Floats = NDArray[np.float64]
 
 _ROUNDS = 2  # at each level: beads behind beads
+_CLEAR_ARC = 0.6  # of the outline: found first, so that they tell the usual radius, and those behind them are seen
 _LEAST_ARC = 0.2  # of the outline; of less, half the points may belong to whatever hides the rest
 _WORST_RMS = 0.5  # px, of the edge points from the circle: a pixel staircase has 0.3
 _DIMMEST = 0.1
@@ -83,15 +84,16 @@ def find_beads(
     most = None if count is None else check_count(count)
     patches = Patches(rgb)
     limits = limits or _radius_range(patches)
-    seeds, circles = _level_by_level(patches, limits)
+    found = _sweep(patches, limits, None, _CLEAR_ARC, first_owner=1)
+    prior = _size_of_beads(found[1], limits)
+    narrow = limits if prior is None or radius else _narrowed(limits, prior)
+    more = _sweep(patches, narrow, prior, _LEAST_ARC, first_owner=1 + len(found[0].uv), known=found)
+    seeds, circles = _joined([found, more])
     if not len(seeds.uv):
         return _none()
-    prior = _size_of_beads(circles, limits)
     seeds = _recentred(seeds, circles, patches)
-    size = prior[0] if prior else float(np.sqrt(limits[0] * limits[1]))
-    edges = trace_edges(patches.linear, patches.owners, seeds, size, 2 * limits[1] + _MARGIN)
-    circles = fit_circles(edges, limits, prior)
-    return _best(_measure(rgb, patches, seeds, circles), most)
+    edges = trace_edges(patches.linear, patches.owners, seeds, _usual(limits, prior), 2 * narrow[1] + _MARGIN)
+    return _best(_measure(rgb, patches, seeds, fit_circles(edges, narrow, prior), prior), most)
 
 
 def _radius_range(patches: Patches) -> tuple[float, float]:
@@ -107,38 +109,72 @@ def _radius_range(patches: Patches) -> tuple[float, float]:
     return (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
 
 
-def _level_by_level(patches: Patches, limits: tuple[float, float]) -> tuple[Seeds, Circles]:
-    """Seeds and first circles: bright beads first, then darker ones and those behind what has been explained."""
-    found = [(empty_seeds(), no_circles())]
-    first, size = 1, float(np.sqrt(limits[0] * limits[1]))
+def _sweep(
+    patches: Patches,
+    limits: tuple[float, float],
+    prior: tuple[float, float] | None,
+    least_arc: float,
+    first_owner: int,
+    known: tuple[Seeds, Circles] | None = None,
+) -> tuple[Seeds, Circles]:
+    """Seeds and circles from bright to dark: of patches, and of what is left of them behind what has been found.
+
+    Args:
+        patches: The picture; what is found is explained in it.
+        limits: Least and greatest radius, px.
+        prior: Usual radius and its spread, px, if known.
+        least_arc: Fraction of the outline that must be seen.
+        first_owner: Number of the first bead that is found.
+        known: What an earlier sweep found.
+    """
+    found = [known] if known else []
+    owner = first_owner
     for level in patches.levels():
         if level < _dimmest(found):
             break
         patches.expose(level)
         for _ in range(_ROUNDS):
-            new = patches.seeds(first, (limits[0] / 3, limits[1]))
+            new = patches.seeds(owner, (limits[0] / 3, limits[1]))
             if not len(new.uv):
                 break
-            first = int(new.owner[-1]) + 1
-            edges = trace_edges(patches.linear, patches.owners, new, size, 2 * limits[1] + _MARGIN)
-            circles = fit_circles(edges, limits)
-            good = _plausible(circles)
-            patches.explain(circles.uv[good], circles.radius[good], select(new, good))
-            patches.pass_over(new.uv, new.inner)
-            found.append((select(new, good), Circles(*(field[good] for field in circles))))
-    seeds, circles = zip(*found)
+            edges = trace_edges(patches.linear, patches.owners, new, _usual(limits, prior), 2 * limits[1] + _MARGIN)
+            circles = fit_circles(edges, limits, prior)
+            good = _plausible(circles, least_arc)
+            new, circles, passed = select(new, good), Circles(*(field[good] for field in circles)), new
+            new = new._replace(owner=owner + np.arange(len(new.uv)))
+            patches.explain(circles.uv, circles.radius, new)
+            patches.pass_over(passed.uv, passed.inner)
+            owner += len(new.uv)
+            found.append((new, circles))
+    return _joined(found[1:] if known else found)
+
+
+def _joined(found: list[tuple[Seeds, Circles]]) -> tuple[Seeds, Circles]:
+    """One table of several."""
+    seeds, circles = zip((empty_seeds(), no_circles()), *found)
     return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
+
+
+def _usual(limits: tuple[float, float], prior: tuple[float, float] | None) -> float:
+    """Radius to expect, px."""
+    return prior[0] if prior else float(np.sqrt(limits[0] * limits[1]))
+
+
+def _narrowed(limits: tuple[float, float], prior: tuple[float, float]) -> tuple[float, float]:
+    """Radii within four spreads of the usual one, px."""
+    return max(limits[0], prior[0] - 4 * prior[1]), min(limits[1], prior[0] + 4 * prior[1])
 
 
 def _dimmest(found: list[tuple[Seeds, Circles]]) -> float:
     """Coded brightness, 0..255, below which nothing is a bead, given those that were found; 0 when none was."""
-    light = np.concatenate([seeds.colour.max(axis=1)[circles.arc > 0.8] for seeds, circles in found])
+    seeds, circles = _joined(found)
+    light = seeds.colour[circles.arc > _CLEAR_ARC].max(axis=1, initial=0.0)
     return 255.0 * (_DIMMEST * float(np.median(light))) ** (1 / 2.2) if len(light) >= 3 else 0.0
 
 
-def _plausible(circles: Circles) -> NDArray[np.bool_]:
+def _plausible(circles: Circles, least_arc: float = _LEAST_ARC) -> NDArray[np.bool_]:
     """Whether enough of an outline is seen, and is a circle."""
-    return (circles.arc >= _LEAST_ARC) & (circles.rms <= _WORST_RMS) & (circles.outside <= 0.25)
+    return (circles.arc >= least_arc) & (circles.rms <= _WORST_RMS) & (circles.outside <= 0.25)
 
 
 def _size_of_beads(circles: Circles, limits: tuple[float, float]) -> tuple[float, float] | None:
@@ -162,7 +198,9 @@ def _recentred(seeds: Seeds, circles: Circles, patches: Patches) -> Seeds:
     )
 
 
-def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Circles) -> BeadCandidates:
+def _measure(
+    rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Circles, prior: tuple[float, float] | None
+) -> BeadCandidates:
     """The record of all plausible circles, unsorted."""
     keep = _plausible(circles)
     if not keep.any():
@@ -171,7 +209,7 @@ def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Ci
     return BeadCandidates(
         uv=circles.uv,
         radius=circles.radius,
-        sigma=_sigma(circles),
+        sigma=_sigma(circles, prior),
         hsb=_inside_hsb(rgb, patches.owners, seeds, circles),
         score=circles.arc * np.exp(-((circles.rms / _WORST_RMS) ** 2)) * (1 - circles.outside),
         hsb_square=square_hsb(rgb, circles.uv),
@@ -180,11 +218,16 @@ def _measure(rgb: NDArray[np.uint8], patches: Patches, seeds: Seeds, circles: Ci
     )
 
 
-def _sigma(circles: Circles) -> Floats:
-    """Standard deviation per coordinate, (n,), px: scatter of the edge points and what is common to them."""
+def _sigma(circles: Circles, prior: tuple[float, float] | None) -> Floats:
+    """Standard deviation per coordinate, (n,), px.
+
+    Scatter of the edge points, what is common to them, and what may be hidden unseen: of a bead of a few pixels that
+    shows a part only, that part looks like a smaller bead, whose centre is off by about what its radius lacks.
+    """
     variance = np.trace(circles.covariance[:, :2, :2], axis1=1, axis2=2) / 2
     scatter = (1.0 + _HIDDEN * (1.0 - circles.arc)) ** 2 * variance
-    return np.sqrt(scatter + _FLOOR**2 + (_FLOOR_OF_RADIUS * circles.radius) ** 2)
+    lacking = np.maximum(prior[0] - 1.5 * prior[1] - circles.radius, 0.0) if prior else 0.0
+    return np.sqrt(scatter + _FLOOR**2 + (_FLOOR_OF_RADIUS * circles.radius) ** 2 + lacking**2)
 
 
 def _touched(circles: Circles) -> NDArray[np.bool_]:
