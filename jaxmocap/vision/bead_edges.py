@@ -76,7 +76,7 @@ def trace_edges(rgb: NDArray[np.float32], owners: NDArray[np.int32], seeds: Seed
     distance = np.arange(0.0, reach, _STEP)
     points = seeds.uv[:, None, None, :] + distance[:, None] * _DIRECTIONS[None, :, None, :]
     own = _ownness(_sample(rgb, points), seeds)  # (n, RAYS, S)
-    own = np.where(distance < 0.5 * seeds.inner[:, None, None], 1.0, own)  # a highlight there is no edge
+    own = np.where(distance < 0.75 * seeds.inner[:, None, None], 1.0, own)  # a highlight there is no edge
     edge = _edge_level(size)
     first = _first_below(own, np.full(own.shape[:2], edge + 0.05), np.zeros(own.shape[:2], int))
     level = _half_way(own, first, edge)

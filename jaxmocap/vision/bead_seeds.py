@@ -132,6 +132,12 @@ class Patches:
             self.explained[part][disc & rim] = 0
             self.left[part][disc & rim] = 0
 
+    def forget(self, uv: Floats, radius: Floats, owner: NDArray[np.int_]) -> None:
+        """Take these beads back: what they explained is open again."""
+        for k, (part, disc) in enumerate(self._discs(uv, radius + _EDGE)):
+            self.owners[part][self.owners[part] == owner[k]] = 0
+            self.explained[part][disc & (self.owners[part] == 0)] = 255
+
     def pass_over(self, uv: Floats, radius: Floats) -> None:
         """Leave these discs out of what is looked at, at this level."""
         for part, disc in self._discs(uv, radius + _EDGE):
@@ -181,7 +187,7 @@ def guess_radius(inner: Floats, area: NDArray[np.int_], light: Floats) -> float 
     if not round_ones.any():
         return None
     radius = np.sqrt(area[round_ones] / np.pi)
-    return weighted_median(radius, light[round_ones] * radius**1.5)  # between counting patches and their area
+    return weighted_median(radius, light[round_ones] * radius**2)  # by the light that they send
 
 
 def weighted_median(values: Floats, weights: Floats) -> float:

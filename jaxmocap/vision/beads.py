@@ -84,16 +84,12 @@ def find_beads(
     most = None if count is None else check_count(count)
     patches = Patches(rgb)
     limits = limits or _radius_range(patches)
-    found = _sweep(patches, limits, None, _CLEAR_ARC, first_owner=1)
-    prior = _size_of_beads(found[1], limits)
-    narrow = limits if prior is None or radius else _narrowed(limits, prior)
-    more = _sweep(patches, narrow, prior, _LEAST_ARC, first_owner=1 + len(found[0].uv), known=found)
-    seeds, circles = _joined([found, more])
+    seeds, circles, limits, prior = _search(patches, limits, narrow=radius is None)
     if not len(seeds.uv):
         return _none()
     seeds = _recentred(seeds, circles, patches)
-    edges = trace_edges(patches.linear, patches.owners, seeds, _usual(limits, prior), 2 * narrow[1] + _MARGIN)
-    return _best(_measure(rgb, patches, seeds, fit_circles(edges, narrow, prior), prior), most)
+    edges = trace_edges(patches.linear, patches.owners, seeds, _usual(limits, prior), 2 * limits[1] + _MARGIN)
+    return _best(_measure(rgb, patches, seeds, fit_circles(edges, limits, prior), prior), most)
 
 
 def _radius_range(patches: Patches) -> tuple[float, float]:
@@ -109,13 +105,26 @@ def _radius_range(patches: Patches) -> tuple[float, float]:
     return (0.5, 1.0) if guess is None else (guess / RADIUS_SPREAD, guess * RADIUS_SPREAD)
 
 
+def _search(
+    patches: Patches, limits: tuple[float, float], narrow: bool
+) -> tuple[Seeds, Circles, tuple[float, float], tuple[float, float] | None]:
+    """Seeds and circles, clear beads first; the radii, narrowed if allowed; the usual radius and its spread."""
+    found = _sweep(patches, limits, None, _CLEAR_ARC, (empty_seeds(), no_circles()))
+    prior = _size_of_beads(found[1], limits)
+    if prior is not None and narrow:
+        limits = _narrowed(limits, prior)
+        found = _of_usual_size(patches, found, limits)
+        found = _sweep(patches, limits, prior, _CLEAR_ARC, found)
+    found = _sweep(patches, limits, prior, _LEAST_ARC, found)
+    return *found, limits, prior
+
+
 def _sweep(
     patches: Patches,
     limits: tuple[float, float],
     prior: tuple[float, float] | None,
     least_arc: float,
-    first_owner: int,
-    known: tuple[Seeds, Circles] | None = None,
+    known: tuple[Seeds, Circles],
 ) -> tuple[Seeds, Circles]:
     """Seeds and circles from bright to dark: of patches, and of what is left of them behind what has been found.
 
@@ -124,34 +133,40 @@ def _sweep(
         limits: Least and greatest radius, px.
         prior: Usual radius and its spread, px, if known.
         least_arc: Fraction of the outline that must be seen.
-        first_owner: Number of the first bead that is found.
-        known: What an earlier sweep found.
+        known: What earlier sweeps found; comes back with what this one finds.
     """
-    found = [known] if known else []
-    owner = first_owner
+    found = known
     for level in patches.levels():
-        if level < _dimmest(found):
+        if level < _dimmest(*found):
             break
         patches.expose(level)
         for _ in range(_ROUNDS):
-            new = patches.seeds(owner, (limits[0] / 3, limits[1]))
+            new = patches.seeds(1 + int(found[0].owner.max(initial=0)), (limits[0] / 3, limits[1]))
             if not len(new.uv):
                 break
             edges = trace_edges(patches.linear, patches.owners, new, _usual(limits, prior), 2 * limits[1] + _MARGIN)
             circles = fit_circles(edges, limits, prior)
             good = _plausible(circles, least_arc)
-            new, circles, passed = select(new, good), Circles(*(field[good] for field in circles)), new
-            new = new._replace(owner=owner + np.arange(len(new.uv)))
-            patches.explain(circles.uv, circles.radius, new)
-            patches.pass_over(passed.uv, passed.inner)
-            owner += len(new.uv)
-            found.append((new, circles))
-    return _joined(found[1:] if known else found)
+            kept = select(new, good), Circles(*(field[good] for field in circles))
+            patches.explain(kept[1].uv, kept[1].radius, kept[0])
+            patches.pass_over(new.uv, new.inner)
+            found = _joined(found, kept)
+    return found
 
 
-def _joined(found: list[tuple[Seeds, Circles]]) -> tuple[Seeds, Circles]:
-    """One table of several."""
-    seeds, circles = zip((empty_seeds(), no_circles()), *found)
+def _of_usual_size(
+    patches: Patches, found: tuple[Seeds, Circles], limits: tuple[float, float]
+) -> tuple[Seeds, Circles]:
+    """Without circles that turn out too small, such as highlights, or too large; their places are looked at again."""
+    seeds, circles = found
+    fits = (circles.radius >= limits[0]) & (circles.radius <= limits[1])
+    patches.forget(circles.uv[~fits], circles.radius[~fits], seeds.owner[~fits])
+    return select(seeds, fits), Circles(*(field[fits] for field in circles))
+
+
+def _joined(first: tuple[Seeds, Circles], second: tuple[Seeds, Circles]) -> tuple[Seeds, Circles]:
+    """One table of two."""
+    seeds, circles = zip(first, second)
     return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
 
 
@@ -161,13 +176,12 @@ def _usual(limits: tuple[float, float], prior: tuple[float, float] | None) -> fl
 
 
 def _narrowed(limits: tuple[float, float], prior: tuple[float, float]) -> tuple[float, float]:
-    """Radii within four spreads of the usual one, px."""
-    return max(limits[0], prior[0] - 4 * prior[1]), min(limits[1], prior[0] + 4 * prior[1])
+    """Radii within three spreads of the usual one, px."""
+    return max(limits[0], prior[0] - 3 * prior[1]), min(limits[1], prior[0] + 3 * prior[1])
 
 
-def _dimmest(found: list[tuple[Seeds, Circles]]) -> float:
+def _dimmest(seeds: Seeds, circles: Circles) -> float:
     """Coded brightness, 0..255, below which nothing is a bead, given those that were found; 0 when none was."""
-    seeds, circles = _joined(found)
     light = seeds.colour[circles.arc > _CLEAR_ARC].max(axis=1, initial=0.0)
     return 255.0 * (_DIMMEST * float(np.median(light))) ** (1 / 2.2) if len(light) >= 3 else 0.0
 
