@@ -62,7 +62,7 @@ class SkeletonMotion:
 
     def world(self) -> tuple[np.ndarray, np.ndarray]:
         """Orientation (frames, joints, 3, 3) and position (frames, joints, 3) of every joint in the world."""
-        local = Rotation.from_rotvec(self.rotvec.reshape(-1, 3)).as_matrix().reshape(*self.rotvec.shape, 3)
+        local = Rotation.from_rotvec(np.array(self.rotvec.reshape(-1, 3))).as_matrix().reshape(*self.rotvec.shape, 3)
         R, p = np.empty_like(local), np.empty_like(self.rotvec)
         for j, parent in enumerate(self.parents):
             if parent == -1:

@@ -13,7 +13,7 @@ residuals are independent. scripts/simulate_calibration.py shows what the interv
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxmocap.optim.linearise import (
     ArrowData,
@@ -66,11 +66,11 @@ class ArrowCovariance(eqx.Module):
         """Stated covariance of the free shared parameters, in the order of the flattened tree."""
         return self.inflation * self.shared_plain()
 
-    def cross(self, block: int) -> Float[Array, "nl ns"]:
+    def cross(self, block: int | Int[Array, ""]) -> Float[Array, "nl ns"]:
         """Covariance between the free parameters of one block and the shared ones."""
         return -self.T[:, :, block] @ self.shared()
 
-    def local(self, block: int) -> Float[Array, "nl nl"]:
+    def local(self, block: int | Int[Array, ""]) -> Float[Array, "nl nl"]:
         """Stated covariance of the free parameters of one block, shared uncertainty included."""
         L, T = self.L[:, :, block], self.T[:, :, block]
         half = jax.scipy.linalg.solve_triangular(L, jnp.eye(L.shape[0], dtype=L.dtype), lower=True)

@@ -19,7 +19,6 @@ from jaxmocap.reconstruction.skeleton_problem import Mode, free_parameters
 from jaxmocap.reconstruction.triangulation import fit_point_linear, rays
 
 _ABOVE = np.array([0 if parent_part(part) is None else 1 + PARTS.index(parent_part(part) or "") for part in PARTS])
-_AXIS_ABOVE = np.array([[0.0, 1.0, 0.0] if k == 0 else AXES[k - 1] for k in _ABOVE])
 
 
 def pose_from_pixels(
@@ -71,23 +70,11 @@ def triangulated(observations: PixelObservations, cameras: Camera) -> tuple[Arra
     return jax.vmap(bead, (1, 1))(observations.uv, observations.visible)
 
 
-def bend_angles(directions: Float[Array, "11 3"]) -> Float[Array, "10"]:
-    """Angle between every part of `bead_body.PARTS` and what it hangs on [rad]; the pelvis counts as upright.
-
-    Args:
-        directions: of the pelvis' up axis and of the parts.
-
-    Returns:
-        angles, 0..pi; 0 for a straight limb.
-    Source: stop-motion document, 6.1.
-    """
-    return jax.vmap(bend)(directions[_ABOVE], directions[1:])
-
-
 def _bends(body: BeadBody, pose: BeadPose, start: PoseStart) -> Array:
+    """Angle of every part from where it would point if it were not turned against what it hangs on."""
     R, _ = part_frames(body, pose, start)
-    axes = jnp.concatenate([jnp.array([[0.0, 1.0, 0.0]]), jnp.array(AXES)])
-    return bend_angles(jnp.sum(R * axes[:, None, :], axis=2))
+    axes = jnp.array(AXES)[:, None, :]
+    return jax.vmap(bend)(jnp.sum(R[_ABOVE] * axes, axis=2), jnp.sum(R[1:] * axes, axis=2))
 
 
 class JointAngles(eqx.Module):
@@ -97,7 +84,7 @@ class JointAngles(eqx.Module):
     """
 
     bends: Float[Array, "poses 10"]
-    """Angle between each part of `bead_body.PARTS` and what it hangs on [rad]."""
+    """Angle of each part of `bead_body.PARTS` from the T-pose of what it hangs on [rad], 0..pi; 0: straight limb."""
     sigma_bends: Float[Array, "poses 10"]
     sigma_turns: Float[Array, "poses 10 3"]
     """Standard deviation of each part's turn about its own axes, relative to what it hangs on [rad]."""
@@ -140,7 +127,7 @@ def joint_angles(fit: SkeletonFit) -> JointAngles:
 def camera_share(
     quantity: Callable[[Float[Array, "n"]], Float[Array, "m"]],
     numbers: Float[Array, "n"],
-    covariance: Float[Array, "n n"],
+    covariance: Array,
 ) -> Float[Array, "m m"]:
     """Covariance that cameras or a turntable, estimated elsewhere, add to what is computed with them.
 

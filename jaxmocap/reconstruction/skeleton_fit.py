@@ -139,6 +139,7 @@ def _prepare(
     """Everything that the solver needs and that is not an observation: one compilation."""
     twist = mode != "document"
     inputs = jax.lax.stop_gradient((points, lengths, body))
+    data = _without_cut_off(data, jax.vmap(_cut_off)(seen))
     starts = jax.vmap(lambda p, s: start_from_markers(p, s, inputs[1], twist, inputs[2]))(inputs[0], seen)
     prior = common_body(starts) if body is None else body
     slip = jax.vmap(slip_onto, (0, 0, None, 0))(points, seen, prior, starts.start)
@@ -152,6 +153,21 @@ def _prepare(
     pose = BeadPose(jnp.zeros((poses, 3)), jnp.zeros((poses, 10, 3)), slip)
     weight = _usable(mode, starts.bones)
     return _Prepared(data, common, pose, starts.bones, weight, counted(data, common, mode, weight))
+
+
+def _cut_off(seen: Bool[Array, "markers"]) -> Bool[Array, "markers"]:
+    """Last beads of limbs whose middle bead is missing: they would pull at two bones that are not determined."""
+    out = jnp.zeros(len(MARKERS), bool)
+    for limb in ("arm.L", "arm.R", "leg.L", "leg.R"):
+        first, middle, last = (MARKERS.index(f"{limb}{i}") for i in (1, 2, 3))
+        out = out.at[last].set(seen[first] & ~seen[middle])
+    return out
+
+
+def _without_cut_off(data: FitData, cut: Bool[Array, "poses markers"]) -> FitData:
+    if data.seen is not None:
+        return eqx.tree_at(lambda d: d.seen.visible, data, data.seen.visible & ~cut[:, None, :])
+    return eqx.tree_at(lambda d: d.whitening, data, jnp.where(cut[..., None, None], 0.0, data.whitening))
 
 
 def _limbs_seen(seen: Bool[Array, "markers"]) -> Bool[Array, "6"]:
