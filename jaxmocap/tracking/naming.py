@@ -1,5 +1,6 @@
 """Names for tracks: the assignment of the largest probability, and how sure each name is."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.special import gammaln
 
 from jaxmocap._errors import InputError
 from jaxmocap.tracking.bead_colours import BeadColours, ColourDensity
-from jaxmocap.tracking.colour_space import hsb_from_cone, hsb_from_rgb, rgb_from_hsb
+from jaxmocap.tracking.light import STARTS, common_gains, light_cost, under_light
 
 MIN_MARGIN = float(np.log(1000.0))
 """A name is given if the best explanation with it is a thousand times as probable as the best one without."""
@@ -21,9 +22,6 @@ MIN_MARGIN_ALONE = float(np.log(100.0))
 _FOREIGN = -float(np.log(np.pi))
 # A foreign thing that stands in space and is found again and again is rarer than a bead by this factor.
 _FOREIGN_THING = float(np.log(0.01))
-# Lamps and white balances: each channel may change by some 15 % between two turns (a quarter of a photographic
-# stop), and a channel of a colour is measured to 0.05 (VIEW_SD): the ratio of the variances weighs the two.
-_GAIN_PRIOR = (0.05 / 0.15) ** 2
 _IMPOSSIBLE = 1e9
 
 
@@ -78,30 +76,51 @@ def name_things(
     """
     if light not in ("adapt", "fixed"):
         raise InputError(f"light: expected 'adapt' or 'fixed', got {light!r}.")
-    gains, adapted = np.ones(3), colours
-    if light == "adapt" and len(cone):
-        for blur in (3.0, 1.0, 1.0):  # at first any colour somewhat near counts, as the light is not known yet
-            cost, free = _costs(cone, views, photos, support, adapted, blur)
-            gains = _common_gains(cone, colours, _assign(cost, free))
-            adapted = under_light(colours, gains)
-    cost, free = _costs(cone, views, photos, support, adapted, 1.0)
-    thing = _assign(cost, free)
+
+    def costs(adapted: BeadColours, blur: float) -> tuple[np.ndarray, np.ndarray]:
+        return _costs(cone, views, photos, support, adapted, blur)
+
+    if light == "fixed" or not len(cone):
+        readings = [_Reading(*costs(colours, 1.0), np.ones(3), colours)]
+    else:
+        readings = _read(cone, colours, costs)
+    best = readings[0]
     margin = np.zeros(len(colours.names))
-    total = _total(cost, free, thing)
-    for m in np.flatnonzero(thing >= 0):
-        without = cost.copy()
-        without[thing[m], m] = _IMPOSSIBLE
-        margin[m] = _total(without, free, _assign(without, free)) - total
-    return Names(np.where(margin >= min_margin, thing, -1), margin, thing, adapted, gains)
+    for m in np.flatnonzero(best.thing >= 0):
+        without = best.cost.copy()
+        without[best.thing[m], m] = _IMPOSSIBLE
+        margin[m] = _total(without, best.free, _assign(without, best.free)) - _total(best.cost, best.free, best.thing)
+    for other in readings[1:]:  # another light under which other names fit nearly as well makes those names unsure
+        differs = (best.thing >= 0) & (other.thing != best.thing)
+        margin[differs] = np.minimum(margin[differs], other.total - best.total)
+    index = np.where(margin >= min_margin, best.thing, -1)
+    return Names(index, margin, best.thing, best.colours, best.gains)
 
 
-def under_light(colours: BeadColours, gains: Float[np.ndarray, "3"]) -> BeadColours:
-    """References as they look when red, green and blue are stronger by common factors; scatter unchanged.
+class _Reading:
+    """The best explanation under one light; `total` is minus its log probability, that of the light included."""
 
-    Source: J. von Kries 1902.
+    def __init__(self, cost: np.ndarray, free: np.ndarray, gains: np.ndarray, colours: BeadColours) -> None:
+        self.cost, self.free, self.gains, self.colours = cost, free, gains, colours
+        self.thing = _assign(cost, free)
+        self.total = _total(cost, free, self.thing) + light_cost(gains)
+
+
+def _read(cone: np.ndarray, colours: BeadColours, costs: Callable) -> list[_Reading]:
+    """The explanations that all start values of the light lead to, each once.
+
+    At first any colour somewhat near counts, as the light is not known yet.
     """
-    hsb = hsb_from_rgb(np.clip(rgb_from_hsb(colours.hsb) * gains, 0.0, 1.0))
-    return BeadColours(colours.names, hsb, colours.sd, colours.covariance, colours.n)
+    lights = list(STARTS)
+    for blur in (3.0, 1.5, 1.0):
+        distinct: dict[bytes, np.ndarray] = {}  # what names the same things has the same light
+        for gains in lights:
+            thing = _assign(*costs(under_light(colours, gains), blur))
+            if (thing >= 0).any():
+                distinct.setdefault(thing.tobytes(), common_gains(cone, colours, thing))
+        lights = list(distinct.values()) or [np.ones(3)]
+    readings = [_Reading(*costs(adapted, 1.0), g, adapted) for g in lights for adapted in [under_light(colours, g)]]
+    return sorted(readings, key=lambda reading: reading.total)
 
 
 def look_alike(colours: BeadColours) -> tuple[str, ...]:
@@ -150,16 +169,3 @@ def _assign(cost: np.ndarray, free: np.ndarray) -> np.ndarray:
 def _total(cost: np.ndarray, free: np.ndarray, thing: np.ndarray) -> float:
     named = np.flatnonzero(thing >= 0)
     return float((cost[thing[named], named] - free[thing[named]]).sum())
-
-
-def _common_gains(cone: np.ndarray, colours: BeadColours, thing: np.ndarray) -> np.ndarray:
-    """Gains of red, green, blue between references and what was named, drawn towards 1."""
-    m = np.flatnonzero(thing >= 0)
-    seen, reference = rgb_from_hsb(hsb_from_cone(cone[thing[m]])), rgb_from_hsb(colours.hsb[m])
-    weight, gains = np.ones(len(m)), np.ones(3)
-    for _ in range(5):
-        w = weight[:, None]
-        gains = ((w * seen * reference).sum(axis=0) + _GAIN_PRIOR) / ((w * reference**2).sum(axis=0) + _GAIN_PRIOR)
-        off = np.linalg.norm(seen - gains * reference, axis=1)
-        weight = 1.0 / np.maximum(off / 0.05, 1.0)  # Huber: what is far off counts less
-    return gains

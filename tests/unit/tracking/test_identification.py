@@ -132,3 +132,13 @@ def test_wrong_calls():
     ):
         with pytest.raises(InputError, match=says):
             call()
+
+
+@pytest.mark.parametrize("light", [(1.2, 1.0, 0.75), (1.3, 1.0, 0.6), (0.8, 0.9, 1.1)])
+def test_colours_of_a_table_serve_under_another_light(light):
+    seen = turn(Build(turn_deg=0.0, step_deg=0.0, specks=5, half_hidden=0.0, light=light), 9)
+    found = identify_beads(seen.photos, seen.start, COLOURS, gate=3.0)
+    right, wrong, missed = score(found, seen.photos)
+    assert wrong == 0 and right >= 0.95 * (right + missed)
+    # The prior draws the gains towards 1, and colours are cut at 1.
+    assert np.abs(found.gains / found.gains[1] - np.array(light) / light[1]).max() < 0.12
