@@ -115,7 +115,7 @@ def _refine(
         width = 3.0 * _NEAR if k < 2 else np.clip(4.0 * _scatter(residual, length), _LEAST_WIDTH, 2 * _NEAR)[:, None]
         along = _along_circle(edges, jacobian)
         kept = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 * along
-        kept = np.minimum(kept, np.minimum(np.roll(kept, 1, axis=1), np.roll(kept, -1, axis=1)))
+        kept = np.minimum(kept, np.minimum(kept[:, _further(1)], kept[:, _further(-1)]))
         weight = length * kept
         normal, right = _normal_equations(residual, jacobian, weight, uvr, prior)
         step = np.linalg.solve(normal, right[..., None])[..., 0]
@@ -126,9 +126,16 @@ def _refine(
 
 def _scatter(residual: Floats, length: Floats) -> Floats:
     """Robust standard deviation of the edge points that lie near the circle, (n,), px."""
-    near = np.where((np.abs(residual) < _NEAR) & (length > 0), np.abs(residual), np.nan)
-    near[np.isnan(near).all(axis=1)] = _NEAR
-    return 1.4826 * np.nanmedian(near, axis=1)
+    distance = np.abs(residual)
+    near = (distance < _NEAR) & (length > 0)
+    ordered = np.sort(np.where(near, distance, np.inf), axis=1)
+    middle = np.maximum(near.sum(axis=1) - 1, 0) // 2
+    return 1.4826 * np.minimum(ordered[np.arange(len(ordered)), middle], _NEAR)
+
+
+def _further(by: int) -> NDArray[np.int_]:
+    """Indices of the rays so many further round."""
+    return (np.arange(RAYS) + by) % RAYS
 
 
 def _along_circle(edges: Edges, jacobian: Floats) -> Floats:
@@ -136,7 +143,7 @@ def _along_circle(edges: Edges, jacobian: Floats) -> Floats:
 
     Where something hides a part of the bead, the edge leaves the circle at a corner, which blur makes round.
     """
-    chord = np.roll(edges.uv, -2, axis=1) - np.roll(edges.uv, 2, axis=1)
+    chord = edges.uv[:, _further(2)] - edges.uv[:, _further(-2)]
     sine = np.abs((chord * jacobian[..., :2]).sum(-1)) / np.maximum(np.linalg.norm(chord, axis=-1), 1e-6)
     return np.maximum(1.0 - (sine / _TURNED) ** 2, 0.0)
 

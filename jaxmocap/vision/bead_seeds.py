@@ -52,12 +52,17 @@ class Patches:
         self.linear = linear_light(rgb)
         self.smooth = cv2.GaussianBlur(rgb, (0, 0), _SMOOTH)
         self.value = brightest_channel(self.smooth)
-        small = cv2.resize(rgb, None, fx=1 / _SHRINK, fy=1 / _SHRINK, interpolation=cv2.INTER_AREA)
+        small = cv2.resize(rgb, self._shrunk(), interpolation=cv2.INTER_AREA)
         self.ground = cv2.medianBlur(small, _GROUND_WINDOW)
         self.owners = np.zeros(self.value.shape, np.int32)
         self.explained = np.full(self.value.shape, 255, np.uint8)
         self.left = np.zeros_like(self.value)
         self.level = 0.0
+
+    def _shrunk(self) -> tuple[int, int]:
+        """Width and height of the shrunk picture."""
+        height, width = self.value.shape
+        return max(1, width // _SHRINK), max(1, height // _SHRINK)
 
     def levels(self) -> Floats:
         """Brightnesses at which to look for patches, from high to low, 0..255.
@@ -117,8 +122,8 @@ class Patches:
     def ground_at(self, uv: Floats) -> Floats:
         """The surroundings' colour (n, 3) at positions (n, 2)."""
         height, width = self.ground.shape[:2]
-        column = np.clip(uv[:, 0] / _SHRINK, 0, width - 1).astype(int)
-        row = np.clip(uv[:, 1] / _SHRINK, 0, height - 1).astype(int)
+        column = np.clip((uv[:, 0] + 0.5) * width / self.value.shape[1], 0, width - 1).astype(int)
+        row = np.clip((uv[:, 1] + 0.5) * height / self.value.shape[0], 0, height - 1).astype(int)
         return linear_light(self.ground[row, column]).astype(np.float64)
 
     def explain(self, uv: Floats, radius: Floats, seeds: Seeds) -> None:
@@ -183,7 +188,10 @@ def guess_radius(inner: Floats, area: NDArray[np.int_], light: Floats) -> float 
         area: Of each patch, px^2.
         light: Linear light of the level at which it is a patch: beads are brighter than the figure's patches.
     """
-    round_ones = area < _ROUND_PATCH * np.pi * (inner + _RAGGED) ** 2
+    roundness = np.pi * (inner + _RAGGED) ** 2 / area
+    round_ones = roundness > 1 / _ROUND_PATCH
+    if not round_ones.any():  # partly hidden beads only: the half of a disc has 0.5
+        round_ones = roundness > 0.5 / _ROUND_PATCH
     if not round_ones.any():
         return None
     radius = np.sqrt(area[round_ones] / np.pi)

@@ -63,7 +63,7 @@ class BeadCandidates(NamedTuple):
 
 
 def find_beads(
-    rgb: NDArray[np.uint8], *, radius: tuple[float, float] | None = None, count: int | None = None
+    rgb: NDArray, *, radius: tuple[float | int, float | int] | None = None, count: int | None = None
 ) -> BeadCandidates:
     """Find coloured beads on a dark figure before a dark background.
 
@@ -113,8 +113,9 @@ def _search(
     prior = _size_of_beads(found[1], limits)
     if prior is not None and narrow:
         limits = _narrowed(limits, prior)
-        found = _of_usual_size(patches, found, limits)
-        found = _sweep(patches, limits, prior, _CLEAR_ARC, found)
+        usual = _of_usual_size(patches, found, limits)
+        if len(usual[0].uv) < len(found[0].uv):
+            found = _sweep(patches, limits, prior, _CLEAR_ARC, usual)
     found = _sweep(patches, limits, prior, _LEAST_ARC, found)
     return *found, limits, prior
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from jaxmocap._errors import InputError
 from jaxmocap.vision.threshold import check_rgb
@@ -12,7 +12,7 @@ SQUARE = 5
 """Side in pixels of the square over which a bead's colour is averaged (document 000, section 3.2)."""
 
 
-def hsb_of_rgb(rgb: NDArray) -> NDArray[np.float64]:
+def hsb_of_rgb(rgb: ArrayLike) -> NDArray[np.float64]:
     """Hue, saturation, brightness of colours.
 
     Source: the hexcone model of A. R. Smith, 1978, which document 000 (section 3.2) uses through its programs.
@@ -32,7 +32,7 @@ def hsb_of_rgb(rgb: NDArray) -> NDArray[np.float64]:
     return np.stack([hue, np.where(top > 0, span / np.where(top > 0, top, 1.0), 0.0), top], axis=-1)
 
 
-def square_hsb(rgb: NDArray[np.uint8], uv: NDArray) -> NDArray[np.float64]:
+def square_hsb(rgb: NDArray, uv: ArrayLike) -> NDArray[np.float64]:
     """Colour of the 5x5 pixels around positions. Source: document 000, sections 3.2 and 3.3.3.
 
     Channels are averaged before the conversion, so that hue needs no circular mean. Pixels beyond the border are left

@@ -20,7 +20,7 @@ _CANNY_HIGH = 100.0  # OpenCV's default; its centres' threshold is what has to b
 _VOTES = 8.0  # of OpenCV's centres: lower than any bead's, so that `count` decides
 
 
-def check_radius(radius: tuple[float, float]) -> tuple[float, float]:
+def check_radius(radius: tuple[float | int, float | int]) -> tuple[float, float]:
     """The two radii as floats.
 
     Raises:
@@ -47,7 +47,7 @@ def check_count(count: int) -> int:
 
 
 def hough_circles(
-    edges: NDArray[np.bool_], radius: tuple[float, float] = RADIUS, count: int = COUNT
+    edges: NDArray, radius: tuple[float | int, float | int] = RADIUS, count: int = COUNT
 ) -> NDArray[np.float64]:
     """The circles on whose paths most edge pixels lie. Source: document 000, section 3.3.2.
 
@@ -110,7 +110,7 @@ def _fullest(votes: NDArray[np.int32], radii: NDArray, count: int) -> NDArray[np
 
 
 def opencv_circles(
-    grey: NDArray[np.uint8], radius: tuple[float, float] = RADIUS, count: int = COUNT
+    grey: NDArray, radius: tuple[float | int, float | int] = RADIUS, count: int = COUNT
 ) -> NDArray[np.float64]:
     """Circles by OpenCV's gradient method, which votes along the gradient in the plane (x, y) and takes r afterwards.
 

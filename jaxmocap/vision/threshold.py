@@ -28,7 +28,7 @@ def check_rgb(rgb: NDArray) -> NDArray[np.uint8]:
     return rgb
 
 
-def grey_of(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def grey_of(rgb: NDArray) -> NDArray[np.uint8]:
     """8-bit grey of a 24-bit colour picture (weights of ITU-R BT.601). Source: document 000, section 3.3.1.
 
     Args:
@@ -43,7 +43,7 @@ def grey_of(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return cv2.cvtColor(check_rgb(rgb), cv2.COLOR_RGB2GRAY)
 
 
-def mean_threshold(grey: NDArray[np.uint8]) -> int:
+def mean_threshold(grey: NDArray) -> int:
     """Iterative mean threshold of a grey picture. Source: document 000, section 3.3.1.
 
     A test threshold rises from 0 until it exceeds the average of the mean of the pixels at or below it and the mean
@@ -88,7 +88,7 @@ def outline(white: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return (mask - inner).astype(bool)
 
 
-def edge_map(rgb: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def edge_map(rgb: NDArray) -> NDArray[np.bool_]:
     """Grey, threshold, outline: the three steps of section 3.3.1 of document 000.
 
     Args:
