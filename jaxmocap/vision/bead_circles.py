@@ -11,13 +11,13 @@ from jaxmocap.vision.bead_edges import RAYS, Edges
 
 Floats = NDArray[np.float64]
 
-_NEAR = 0.5
-"""Distance from the circle, px, within which an edge point is on it: half a pixel, beyond which neighbouring pixels
-decide."""
+_NEAR, _NEAR_OF_RADIUS, _LEAST_NEAR = 0.5, 0.08, 0.15
+"""Distance from the circle within which an edge point is on it: half a pixel, beyond which neighbouring pixels decide;
+of small circles a part of the radius, because half a pixel would pass the chord of a half hidden bead for its outline;
+px, of the radius, px."""
 _CORRELATED = 1.5
 """Length along the edge, px, over which errors of edge points are common: the linear interpolation spreads a pixel's
 noise over its neighbours, and JPEG and demosaicing over a little more."""
-_LEAST_WIDTH = 0.3
 _TURNED = 0.6
 _LEAST_RMS = 0.05
 """Scatter of edge points, px, that is assumed even when they happen to lie on the circle more exactly."""
@@ -76,7 +76,8 @@ def _consensus(edges: Edges, radius: tuple[float, float], prior: tuple[float, fl
     fits = edges.found[:, _TRIPLES].all(-1) & (r >= radius[0]) & (r <= radius[1])
     distance = np.linalg.norm(edges.uv[:, None] - centre[:, :, None], axis=-1) - r[..., None]  # (n, k, RAYS)
     length = _ray_weights(edges)[:, None]
-    gain = np.maximum(1.0 - (distance / (2 * _NEAR)) ** 2, 0.0) - (distance > 2 * _NEAR)
+    near = _near(r)[..., None]
+    gain = np.maximum(1.0 - (distance / (2 * near)) ** 2, 0.0) - (distance > 2 * near)
     score = np.where(fits, (gain * length).sum(-1), -np.inf)
     if prior is not None:
         score = score - 0.05 * length.sum(-1) * np.minimum(((r - prior[0]) / prior[1]) ** 2, 9.0)
@@ -112,7 +113,8 @@ def _refine(
     weight = length
     for k in range(_ITERATIONS):
         residual, jacobian = _residuals(edges, uvr)
-        width = 3.0 * _NEAR if k < 2 else np.clip(4.0 * _scatter(residual, length), _LEAST_WIDTH, 2 * _NEAR)[:, None]
+        near = _near(uvr[:, 2:])
+        width = 3.0 * near if k < 2 else np.clip(4.0 * _scatter(residual, length, near), 0.6 * near, 2 * near)
         along = _along_circle(edges, jacobian)
         kept = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 * along
         kept = np.minimum(kept, np.minimum(kept[:, _further(1)], kept[:, _further(-1)]))
@@ -124,13 +126,18 @@ def _refine(
     return uvr, weight
 
 
-def _scatter(residual: Floats, length: Floats) -> Floats:
-    """Robust standard deviation of the edge points that lie near the circle, (n,), px."""
+def _near(radius: Floats) -> Floats:
+    """Distance from circles within which edge points are on them, px."""
+    return np.clip(_NEAR_OF_RADIUS * radius, _LEAST_NEAR, _NEAR)
+
+
+def _scatter(residual: Floats, length: Floats, near: Floats) -> Floats:
+    """Robust standard deviation of the edge points that lie near the circle, (n, 1), px."""
     distance = np.abs(residual)
-    near = (distance < _NEAR) & (length > 0)
-    ordered = np.sort(np.where(near, distance, np.inf), axis=1)
-    middle = np.maximum(near.sum(axis=1) - 1, 0) // 2
-    return 1.4826 * np.minimum(ordered[np.arange(len(ordered)), middle], _NEAR)
+    on = (distance < near) & (length > 0)
+    ordered = np.sort(np.where(on, distance, np.inf), axis=1)
+    middle = np.maximum(on.sum(axis=1, keepdims=True) - 1, 0) // 2
+    return 1.4826 * np.minimum(np.take_along_axis(ordered, middle, axis=1), near)
 
 
 def _further(by: int) -> NDArray[np.int_]:
@@ -179,9 +186,9 @@ def _describe(edges: Edges, uvr: Floats, weight: Floats, prior: tuple[float, flo
     return Circles(
         uv=uvr[:, :2],
         radius=uvr[:, 2],
-        arc=_arc(edges, uvr, np.abs(residual) < _NEAR),
+        arc=_arc(edges, uvr, np.abs(residual) < _near(uvr[:, 2:])),
         rms=rms,
-        outside=(edges.found & (residual > 2 * _NEAR)).mean(1),
+        outside=(edges.found & (residual > 2 * _near(uvr[:, 2:]))).mean(1),
         covariance=np.linalg.inv(normal) * scale[:, None, None],
     )
 

@@ -140,5 +140,4 @@ def opencv_circles(
         maxRadius=int(np.ceil(high)),
     )
     circles = np.zeros((0, 3)) if found is None else np.asarray(found, dtype=np.float64).reshape(-1, 3)
-    circles[:, :2] -= 0.5  # OpenCV's are from the picture's corner here, not from the first pixel's centre
     return circles[: check_count(count)]
