@@ -1,6 +1,6 @@
 """Run every benchmark and write the table of the README.
 
-    python scripts/bench_table.py [--only bar chessboard first_call] [--repeats 7]
+    python scripts/bench_table.py [--only bar chessboard first_call puppet] [--repeats 7]
 
 The table goes between `<!-- bench:start -->` and `<!-- bench:end -->`; without these marks it is printed. It names
 the commit, the machine's load and its cores, since none of the numbers means anything without them.
@@ -21,7 +21,7 @@ from peers.rows import REPEATS, THREADS, Row
 HERE = Path(__file__).resolve().parent
 README = HERE.parent / "README.md"
 START, END = "<!-- bench:start -->", "<!-- bench:end -->"
-BENCHMARKS = ("bar", "chessboard", "first_call")
+BENCHMARKS = ("bar", "chessboard", "first_call", "puppet")
 
 
 def commit() -> str:

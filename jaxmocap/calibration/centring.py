@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jaxmocap._programs import program
 from jaxmocap.calibration.boards import TargetViews
 from jaxmocap.geometry import Pose, rotation
 from jaxmocap.optim import ArrowVariables
@@ -61,12 +62,12 @@ def _translation(rotvec: Array, middle: Array) -> Array:
     return -rotation.rotate(rotvec, middle)
 
 
-@jax.jit
+@program
 def _own_frame(T: Pose, middle: Array) -> Pose:
     return Pose(T.rotvec, T.translation + jax.vmap(_translation)(T.rotvec, middle))
 
 
-@jax.jit
+@program
 def _covariance_in_own_frame(covariance: ArrowCovariance, rotvec: Array, middle: Array) -> ArrowCovariance:
     """The factors for z = A z_centred, A = [[I, 0], [d translation / d rotvec, I]] of each block.
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from jaxmocap._arrays import require_x64
 from jaxmocap._errors import InputError
+from jaxmocap._programs import program
 from jaxmocap.bodies.bead_body import AXES, LENGTH_BONES, PARTS, BeadBody, BeadPose, PoseStart, bead_points, part_frames
 from jaxmocap.bodies.puppet import MARKERS
 from jaxmocap.cameras import Camera
@@ -63,7 +64,7 @@ class SkeletonFit(eqx.Module):
         return jax.vmap(one)(value.local.pose, self.start, self.bones)
 
 
-@eqx.filter_jit
+@program
 def _skeleton(
     body: BeadBody, pose: BeadPose, start: PoseStart, bones: Array, lengths: Array, mode: Mode
 ) -> SkeletonPose:
@@ -132,7 +133,7 @@ class _Prepared(NamedTuple):
     count: Array
 
 
-@eqx.filter_jit
+@program
 def _prepare(
     data: FitData, points: Array, seen: Array, lengths: Array, body: BeadBody | None, sigma: Array | None, mode: Mode
 ) -> _Prepared:

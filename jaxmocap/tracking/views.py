@@ -5,7 +5,6 @@ NumPy: these are many small steps on few numbers. The lens is inverted once, by 
 
 from dataclasses import dataclass
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 from scipy.spatial.transform import Rotation
 
 from jaxmocap._errors import InputError
+from jaxmocap._programs import program
 from jaxmocap.cameras.camera import Camera
 from jaxmocap.cameras.distortion import BrownDistortion, undistort
 from jaxmocap.cameras.intrinsics import Intrinsics
@@ -106,7 +106,7 @@ def _without_lens(cameras: Camera, uv: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return xy.reshape(photos, slots, 2), exists.reshape(photos, slots)
 
 
-@eqx.filter_jit
+@program
 def _undistort_all(
     intrinsics: Intrinsics, lens: BrownDistortion, uv: Float[Array, "points 2"]
 ) -> tuple[Float[Array, "points 2"], Bool[Array, "points"]]:

@@ -21,6 +21,7 @@ Progress = Callable[[int, int], None]
 # moves by 5 px per 30 degrees in the document's build. Three sigma of a coarse centre are well between.
 _STILL_PX = 1.0
 _STILL_SHARE = 0.8
+_CLEAR_ARC = 0.75  # of the outline: a bead that is seen as a whole but for what touches it
 
 
 @dataclass(frozen=True)
@@ -185,10 +186,11 @@ def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> 
                 uv[k, row], visible[k, row] = seen.uv[slot], True
                 sigma[k, row], radius[k, row] = seen.sigma[slot], seen.radius[slot]
     rejected = {name: c.uv[f] for name, c, f in zip(photos.names, photos.candidates, result.foreign)}
-    # What is half as bright as the dimmest bead is no reflection on the dark figure.
+    # Half as bright as the dimmest bead, and most of a circle: no reflection, and no bead that mostly hides.
     bright = 0.5 * float(colours.hsb[:, 2].min())
     unsure = {
-        name: int((c.hsb[f, 2] > bright).sum()) for name, c, f in zip(photos.names, photos.candidates, result.foreign)
+        name: int(((c.hsb[f, 2] > bright) & (c.arc[f] > _CLEAR_ARC)).sum())
+        for name, c, f in zip(photos.names, photos.candidates, result.foreign)
     }
     return NamedBeads(
         photos.names, photos.stated_deg, uv, visible, sigma, radius, rejected, unsure, result.problems, photos.inputs
