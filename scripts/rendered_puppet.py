@@ -128,7 +128,7 @@ def main() -> None:
         if table is not None:
             z = axis_z(table, truth)
             print(
-                f"\nAxis from the chessboard: RMS and largest error / sigma {np.sqrt(np.mean(z**2)):.2f}, {np.abs(z).max():.1f}"
+                f"\nAxis from the chessboard, error / sigma: RMS {np.sqrt(np.mean(z**2)):.2f}, largest {np.abs(z).max():.1f}"
             )
 
 

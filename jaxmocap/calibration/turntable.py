@@ -266,6 +266,8 @@ def solve_beads(
     seen: PixelObservations,
     prior: BeadPrior,
     covariance_lens: Float[Array, "10 10"],
+    *,
+    trust_sigma: bool = False,
 ) -> TurntableEstimate:
     """Turntable, angles and beads of the smallest robust reprojection error.
 
@@ -275,6 +277,8 @@ def solve_beads(
             place: another pose of the puppet is another bead, whose photos are others.
         prior: as `bead_prior` makes it.
         covariance_lens: of the lens, as in `solve_board`.
+        trust_sigma: the stated sigmas of the pixels are only ever made larger by what the data say, never smaller:
+            where they differ from pixel to pixel, most of them do not speak for the few.
 
     Returns:
         TurntableEstimate; `estimate.stats["sigma_scale"]` is by what the stated sigma of the pixels was multiplied.
@@ -296,7 +300,7 @@ def solve_beads(
         r = _bead_sigmas(value, seen, prior).reshape(-1, 2)
         # Fitted residuals are smaller than the errors of the pixels.
         shrunk = jnp.sqrt(pixels / freedom)
-        scale = jnp.maximum(scale_from_data(r, groups) * shrunk, 1e-6)
+        scale = jnp.maximum(scale_from_data(r, groups) * shrunk, 1.0 if trust_sigma else 1e-6)
         scaled = eqx.tree_at(lambda s: s.sigma, seen, seen.sigma * scale)
         # In units of the sigma found, so that the prior is weighed by what a pixel is really worth.
         common = (jnp.asarray(TUNING[_LOSS]), prior)
@@ -307,7 +311,7 @@ def solve_beads(
     r = _bead_sigmas(value, scaled, prior)
     estimate = robust_covariance(estimate, r.reshape(-1, 2), groups, _LOSS, common[0])
     estimate = eqx.tree_at(lambda e: e.stats, estimate, {**estimate.stats, "sigma_scale": scale})
-    return _bead_result(estimate, r, scaled, common, weight, covariance_lens)
+    return _bead_result(estimate, r, scaled, common, weight, covariance_lens, 1.0 if trust_sigma else 0.0)
 
 
 @program
@@ -322,10 +326,11 @@ def _bead_result(
     common: tuple[Array, BeadPrior],
     weight: Array,
     covariance_lens: Array,
+    least_variance: float,
 ) -> TurntableEstimate:
     value = estimate.value
     free, held = _flags(value.shared)
-    factor = estimate.covariance.variance * estimate.covariance.inflation
+    factor = jnp.maximum(estimate.covariance.variance, least_variance) * estimate.covariance.inflation
     joint = joint_covariance(BEAD_PROBLEM, value, free, held, seen, common, weight, factor, covariance_lens)
     shared = 4 + len(value.shared.angles)
     total, data = (np.asarray(c) for c in joint)

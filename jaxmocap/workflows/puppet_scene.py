@@ -185,7 +185,7 @@ def improve(
         sigma_angle=angles.sigma,
     )
     start = ArrowVariables(BeadScene(turntable, jnp.asarray(pad(start_angles)), scene.lens), points)
-    found = solve_beads(start, seen, prior, jnp.asarray(scene.covariance_lens))
+    found = solve_beads(start, seen, prior, jnp.asarray(scene.covariance_lens), trust_sigma=True)
     keep = np.arange(4 + n)
     return found._replace(
         angles=found.angles[:n],
