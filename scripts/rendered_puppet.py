@@ -127,9 +127,8 @@ def main() -> None:
             print(row(pose, stopmotion.reconstruct(folder).value, identified.value, truth)[0], flush=True)
         if table is not None:
             z = axis_z(table, truth)
-            print(
-                f"\nAxis from the chessboard, error / sigma: RMS {np.sqrt(np.mean(z**2)):.2f}, largest {np.abs(z).max():.1f}"
-            )
+            size = np.sqrt(np.mean(z**2))
+            print(f"\nAxis from the chessboard, error / sigma: RMS {size:.2f}, largest {np.abs(z).max():.1f}")
 
 
 if __name__ == "__main__":
