@@ -14,6 +14,9 @@ DONE, WRONG_INPUT, NOT_SOLVED, INTERRUPTED = 0, 2, 3, 130
 INPUT_SUFFIXES = {".jpg", ".jpeg", ".jpe", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm", ".pnm", ".csv"}
 """An existing file that ends so is somebody's recording: no output of a calibration, and no failure, replaces it."""
 
+_SETTINGS_SUFFIXES = {".toml", ".yml", ".yaml", ".xml"}
+"""So end cameras, colours, the index of a folder: a failure is none of these, whatever was typed."""
+
 
 @dataclass(frozen=True)
 class Outputs:
@@ -23,6 +26,8 @@ class Outputs:
     """Rig, tables, models: written if the command succeeds, else untouched."""
     report: Path | None = None
     json: Path | None = None
+    tables: tuple[Path, ...] = ()
+    """Those of `results` that may replace a .csv that is a table of points."""
 
     @property
     def all(self) -> list[Path]:
@@ -67,10 +72,10 @@ def write_failure(outputs: Outputs, message: str) -> None:
         "warnings": [],
     }
     page = failure_html(command, message).encode(errors="backslashreplace")
-    results = {os.path.realpath(path) for path in outputs.results}
+    results, never = {os.path.realpath(path) for path in outputs.results}, INPUT_SUFFIXES | _SETTINGS_SUFFIXES
     for path, data in ((outputs.json, json_bytes(content)), (outputs.report, page)):
         # Whatever was typed, a failure replaces neither a recording nor a result.
-        if path is None or path.suffix.lower() in INPUT_SUFFIXES or os.path.realpath(path) in results:
+        if path is None or path.suffix.lower() in never or os.path.realpath(path) in results:
             continue
         try:
             write_bytes(path, data)

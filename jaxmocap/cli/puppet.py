@@ -1,6 +1,6 @@
 """`jaxmocap puppet ...`: stop-motion capture, step by step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +20,16 @@ Camera = Annotated[Path, Parameter(help="The camera, as `calibrate chessboard` w
 Turntable = Annotated[Path | None, Parameter(help="As `calibrate turntable` writes it.")]
 
 
-def _step(job: "Callable[[], StepResult]", json: Path | None, results: tuple[Path, ...] = ()) -> int:
+def _inside(folder: Path) -> list[Path]:
+    """What no output may replace."""
+    from jaxmocap.io.puppet_folder import inputs_of
+
+    return inputs_of(folder)
+
+
+def _step(
+    job: "Callable[[], StepResult]", json: Path | None, inputs: Sequence[Path], results: tuple[Path, ...] = ()
+) -> int:
     """Run a step and write its files, and its JSON if asked for."""
 
     def outcome() -> Outcome:
@@ -30,7 +39,7 @@ def _step(job: "Callable[[], StepResult]", json: Path | None, results: tuple[Pat
             files[json] = done.json()
         return Outcome(done.summary, files, done.notes)
 
-    return run(outcome, Outputs(results, json=json), waiting="looking at the photographs")
+    return run(outcome, Outputs(results, json=json), inputs, waiting="looking at the photographs")
 
 
 @puppet.command
@@ -50,7 +59,8 @@ def colours(
         watch = progress("looking for beads")
         return learn_colours(tpose, camera, turntable=turntable, output=output, command=command_line(), progress=watch)
 
-    return _step(job, json, (output,))
+    inputs = [path for path in (camera, turntable, *(tpose.glob("*") if tpose.is_dir() else ())) if path]
+    return _step(job, json, inputs, (output,))
 
 
 @puppet.command
@@ -105,7 +115,7 @@ def identify(folder: Folder, *, json: Json = None) -> int:
 
         return solve(folder, command=command_line(), progress=progress("looking for beads"))
 
-    return _step(job, json)
+    return _step(job, json, _inside(folder))
 
 
 @puppet.command
@@ -117,7 +127,7 @@ def reconstruct(folder: Folder, *, json: Json = None) -> int:
 
         return solve(folder, command=command_line(), progress=progress("looking for beads"))
 
-    return _step(job, json)
+    return _step(job, json, _inside(folder))
 
 
 @puppet.command
@@ -129,7 +139,7 @@ def check(folder: Folder, *, json: Json = None) -> int:
 
         return contact_sheet(folder, command=command_line(), progress=progress("looking for beads"))
 
-    return _step(job, json)
+    return _step(job, json, _inside(folder))
 
 
 @puppet.command
@@ -144,11 +154,15 @@ def export(
     """Write the pose for other programs."""
 
     def job() -> Outcome:
-        from jaxmocap.workflows.puppet_export import exported
+        from jaxmocap._errors import InputError
+        from jaxmocap.workflows.puppet_export import NOTHING, exported
         from jaxmocap.workflows.stopmotion import current_pose, folder_colours
 
+        if not outputs.results:
+            raise InputError(NOTHING)
         pose, notes = current_pose(folder)
         files, said = exported(pose, dae=dae, glb=glb, bvh=bvh, csv=csv, colours=folder_colours(folder))
         return Outcome("".join(f"{sentence}\n" for sentence in said), files, notes)
 
-    return run(job, Outputs(tuple(path for path in (dae, glb, bvh, csv) if path)))
+    outputs = Outputs(tuple(path for path in (dae, glb, bvh, csv) if path), tables=(csv,) if csv else ())
+    return run(job, outputs, _inside(folder))

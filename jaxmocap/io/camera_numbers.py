@@ -11,6 +11,7 @@ import numpy as np
 from jaxmocap._errors import InputError
 from jaxmocap.cameras import BrownDistortion, Camera, Intrinsics
 from jaxmocap.geometry import Pose, rotation
+from jaxmocap.io.text_file import short
 
 
 @dataclass(frozen=True)
@@ -47,16 +48,16 @@ def numbers(where: str, value: object, depth: int = 2) -> np.ndarray:
     if isinstance(value, list):
         parts = [numbers(where, entry, depth - 1) for entry in value] if depth and len(value) <= 100 else None
         if parts is None or len({part.shape for part in parts}) > 1:
-            raise InputError(f"{where}: expected numbers, or rows of equally many numbers, got {_short(value)}.")
+            raise InputError(f"{where}: expected numbers, or rows of equally many numbers, got {short(value)}.")
         return np.stack(parts) if parts else np.zeros(0)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InputError(f"{where}: expected numbers, got {_short(value)}. Is the camera calibrated?")
+        raise InputError(f"{where}: expected numbers, got {short(value)}. Is the camera calibrated?")
     try:
         number = float(value)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise InputError(f"{where}: holds {_short(value)}, not a usable number. Calibrate the camera again.")
+        raise InputError(f"{where}: holds {short(value)}, not a usable number. Calibrate the camera again.")
     return np.asarray(number)
 
 
@@ -160,7 +161,7 @@ def size_from_numbers(where: str, value: object) -> tuple[int, int]:
     """
     size = numbers(where, value)
     if size.shape != (2,) or (size != np.round(size)).any() or not ((size > 0) & (size <= _MAX_PIXELS)).all():
-        raise InputError(f"{where}: expected [width, height] in whole pixels, got {_short(value)}.")
+        raise InputError(f"{where}: expected [width, height] in whole pixels, got {short(value)}.")
     return int(size[0]), int(size[1])
 
 
@@ -229,12 +230,3 @@ def check_names(names: list[str]) -> None:
             raise InputError("cameras: one has an empty name. Name it as its photos or table rows do.")
         if names.count(name) > 1:
             raise InputError(f"cameras: {names.count(name)} are called {name!r}. Give each its own name.")
-
-
-def _short(value: object) -> str:
-    """A value in a message, cut before it fills the screen."""
-    try:
-        text = repr(value)
-    except (ValueError, RecursionError):  # integers of more digits than Python prints; deep nesting
-        return f"a very large {type(value).__name__}"
-    return text if len(text) <= 60 else text[:57] + "..."

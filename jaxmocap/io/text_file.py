@@ -63,6 +63,15 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     return by_lower[close[0]] if close else None
 
 
+def short(value: object) -> str:
+    """A value in a message, cut before it fills the screen."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # integers of more digits than Python prints; deep nesting
+        return f"a very large {type(value).__name__}"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
 def _sha256(path: Path) -> str:
     try:
         with open(path, "rb") as file:

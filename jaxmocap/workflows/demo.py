@@ -75,7 +75,7 @@ def run_demo(out: Path, command: str, progress: Progress) -> Iterator[str]:
     folder = out / truth["pose"]
     if not (folder / INDEX).exists():
         new_puppet(folder, out / "camera.toml", turntable=out / "turntable.toml", colours=out / "colours.toml")
-        add_to_puppet(folder, sorted(puppet.glob(f"{truth['pose']}_*.jpg")))
+    add_to_puppet(folder, sorted(puppet.glob(f"{truth['pose']}_*.jpg")))
     sheet = contact_sheet(folder, command=command, progress=progress("looking for beads in the pose"))
     write_many(sheet.files)
     solved = reconstruct(folder, command=command)

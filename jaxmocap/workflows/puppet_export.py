@@ -13,6 +13,8 @@ from jaxmocap.tracking.colour_space import rgb_from_hsb
 from jaxmocap.workflows.puppet_pose import PuppetPose
 from jaxmocap.workflows.stopmotion import pose_points
 
+NOTHING = "puppet export: nothing to write. Give one or more of --dae, --glb, --bvh, --csv."
+
 
 def exported(
     pose: PuppetPose,
@@ -41,7 +43,7 @@ def exported(
     Source: stop-motion document, 6.3 and 7.1.3 (COLLADA).
     """
     if not any((dae, glb, bvh, csv)):
-        raise InputError("puppet export: nothing to write. Give one or more of --dae, --glb, --bvh, --csv.")
+        raise InputError(NOTHING)
     motion = pose.motion()
     files: dict[str | Path, bytes] = {}
     said = []

@@ -71,6 +71,7 @@ def beads_json(beads: NamedBeads) -> dict[str, Any]:
         radii[name] = {MARKERS[i]: float(beads.radius[k, i]) for i in seen}
     return {
         "views_used": len(beads.names),
+        "stated_deg": dict(zip(beads.names, beads.stated_deg.tolist())),
         "observations_used": int(beads.visible.sum()),
         "observations_rejected": sum(len(uv) for uv in beads.rejected.values()),
         "detections": detections,
@@ -85,9 +86,11 @@ def beads_from_json(content: Mapping[str, Any], stated_deg: Mapping[str, float])
     """What `beads_json` wrote.
 
     Raises:
-        KeyError, TypeError, ValueError: if it is not that.
+        KeyError, TypeError, ValueError, OverflowError: if it is not that, or of other photographs.
     """
-    names = tuple(content["detections"])
+    names = tuple(stated_deg)
+    if content["stated_deg"] != dict(stated_deg):
+        raise ValueError("other photographs or angles")
     n, m = len(names), len(MARKERS)
     uv, visible = np.zeros((n, m, 2)), np.zeros((n, m), bool)
     sigma, radius = np.ones((n, m)), np.zeros((n, m))
@@ -97,9 +100,9 @@ def beads_from_json(content: Mapping[str, Any], stated_deg: Mapping[str, float])
             uv[k, i], visible[k, i] = np.array(place, float).reshape(2), True
             sigma[k, i] = float(content["sigma_px"][name][bead])
             radius[k, i] = float(content["radius_px"][name][bead])
-    if not (np.isfinite(uv).all() and np.isfinite(radius).all() and (sigma > 0).all() and np.isfinite(sigma).all()):
-        raise ValueError("numbers that are none")
     rejected = {name: np.array(content["rejected"][name], float).reshape(-1, 2) for name in names}
+    if not all(np.isfinite(x).all() for x in (uv, radius, sigma, *rejected.values())) or not (sigma > 0).all():
+        raise ValueError("numbers that are none")
     angles = np.array([stated_deg[name] for name in names], float)
     unsure = {name: int(content["unsure"][name]) for name in names}
     return NamedBeads(names, angles, uv, visible, sigma, radius, rejected, unsure, (), dict(content["inputs"]))

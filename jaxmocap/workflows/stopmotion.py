@@ -12,6 +12,7 @@ from jaxmocap._errors import InputError, SolveError
 from jaxmocap.bodies.puppet import MARKERS, complete_lengths
 from jaxmocap.io.bones_file import read_bones
 from jaxmocap.io.colours_file import colours_text, read_colours
+from jaxmocap.io.folder_lock import locked
 from jaxmocap.io.json_file import json_bytes
 from jaxmocap.io.length_units import unit_factor
 from jaxmocap.io.points_table import points_text
@@ -23,8 +24,8 @@ from jaxmocap.io.puppet_folder import (
     PuppetFolder,
     add_photos,
     create_puppet_folder,
-    locked,
     open_puppet_folder,
+    same_angle,
 )
 from jaxmocap.io.text_file import hash_files
 from jaxmocap.reconstruction.skeleton import BONE_NAMES
@@ -90,8 +91,9 @@ def photos_by_angle(patterns: str | Path | Sequence[str | Path], angle: float | 
     found: dict[float, Path] = {}
     for path in paths:
         at = stated_angle(path.name)
-        if at in found:
-            raise InputError(f"{found[at].name} and {path.name} both say {at:g} degrees. Rename or remove one.")
+        twin = next((a for a in found if same_angle(a, at)), None)
+        if twin is not None:
+            raise InputError(f"{found[twin].name} and {path.name} both stand at {at:g} degrees. Rename or remove one.")
         found[at] = path
     return found
 
@@ -200,16 +202,15 @@ def add_to_puppet(
     Raises:
         InputError: a photograph is damaged, without colour or of another size; nothing is added then.
     """
-    opened = open_puppet_folder(folder)
-    scene = _scene(opened)
+    scene = _scene(open_puppet_folder(folder, repair=True))
     chosen = photos_by_angle(photos, angle)
     said = []
     for path in chosen.values():
         photo = read_colour_photo(path)
         check_photo_size(photo.name, photo.size, scene)
         said += photo.warnings
-    with locked(opened.path):
-        changed, replaced = add_photos(opened, chosen)
+    with locked(folder):
+        changed, replaced = add_photos(open_puppet_folder(folder, repair=True), chosen)
     return changed, replaced + said
 
 
@@ -259,9 +260,8 @@ def reconstruct(
     if stored is None:
         step = identify(folder, command=command, progress=progress)
         files.update(step.files)
-        beads, notes = step.value, list(step.notes)
-    else:
-        beads, notes = stored, list(scene.notes)
+        stored = step.value, step.notes
+    beads, notes = stored[0], list(stored[1])
     lengths, known, said = _lengths(opened, scene)
     pose = reconstruct_pose(beads, scene, lengths, known)
     notes += [*said, *pose.notes]
@@ -351,14 +351,15 @@ def _hashes(folder: PuppetFolder) -> dict[str, str]:
     return hash_files(files)
 
 
-def _stored_beads(folder: PuppetFolder) -> NamedBeads | None:
-    """What `identify` wrote, if it is of these files and whole."""
+def _stored_beads(folder: PuppetFolder) -> tuple[NamedBeads, tuple[str, ...]] | None:
+    """What `identify` wrote and said, if it is of these files and whole."""
     try:
         content = json.loads((folder.path / IDENTIFIED).read_text(encoding="utf-8"))
         if content["inputs"] != _hashes(folder):
             return None
-        return beads_from_json(content, {name: a for a, name in folder.photos.items()})
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        beads = beads_from_json(content, {name: a for a, name in folder.photos.items()})
+        return beads, tuple(map(str, content["warnings"]))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
         return None
 
 
