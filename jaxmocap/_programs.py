@@ -22,7 +22,7 @@ import tempfile
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Any, Generic, ParamSpec, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import equinox as eqx
 import jax
@@ -30,7 +30,6 @@ import jax.export
 import numpy as np
 from jax.core import Tracer
 
-P = ParamSpec("P")
 R = TypeVar("R")
 
 _PACKAGE = Path(__file__).parent
@@ -158,17 +157,17 @@ def _write(path: Path, content: bytes) -> None:
         pass  # a full or protected disk: slower next time, nothing else
 
 
-class Program(Generic[P, R]):
-    """A compiled function; see the module."""
+class Program(Generic[R]):
+    """A compiled function; see the module. NumPy arrays are as good as JAX's, so its arguments are not typed."""
 
-    def __init__(self, fn: Callable[P, R]):
+    def __init__(self, fn: Callable[..., R]):
         functools.update_wrapper(self, fn)
         self._fn = fn
         self._inner = eqx.filter_jit(fn)
         self._outer: Callable[..., Any] | None = None
         self._ready: dict[str, tuple[Callable[..., Any], Any]] = {}
 
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+    def __call__(self, *args: Any, **kwargs: Any) -> R:
         """The function's value."""
         if any(isinstance(x, Tracer) for x in jax.tree.leaves((args, kwargs))):
             return self._inner(*args, **kwargs)  # options may only be given to the outermost program
@@ -220,6 +219,6 @@ def _options(exported: jax.export.Exported) -> dict[str, Any]:
     return _RUN_ONCE if size < _LARGE_BYTES else _QUICK_TO_COMPILE
 
 
-def program(fn: Callable[P, R]) -> Program[P, R]:
+def program(fn: Callable[..., R]) -> Program[R]:
     """Compile a function; arrays among its arguments are traced, everything else is static."""
     return Program(fn)

@@ -32,9 +32,9 @@ def centred(views: TargetViews) -> tuple[TargetViews, Float[np.ndarray, "views 3
     points, seen = np.asarray(views.points), np.asarray(views.seen.visible).any(axis=1)
     count = np.maximum(seen.sum(axis=1), 1)[:, None]
     # Twice: the first mean of large numbers is rounded, the mean of what is left of them is not.
-    middle = np.where(seen[..., None], points, 0.0).sum(axis=1) / count
+    middle = np.where(seen[..., None], points, 0.0).sum(axis=1) / count  # pyright: ignore[reportIndexIssue]
     moved = points - middle[:, None]
-    rest = np.where(seen[..., None], moved, 0.0).sum(axis=1) / count
+    rest = np.where(seen[..., None], moved, 0.0).sum(axis=1) / count  # pyright: ignore[reportIndexIssue]
     return replace(views, points=jnp.asarray(moved - rest[:, None])), middle + rest
 
 

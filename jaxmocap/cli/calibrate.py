@@ -139,7 +139,7 @@ def turntable(
     json: Json = None,
     force: Annotated[bool, Parameter(help="Write a result that is marked as not to be used.", negative="")] = False,
 ) -> int:
-    """Find a turntable's axis, and the angle of each photo, from a chessboard standing on it (*_<angle>.jpg)."""
+    """Find a turntable's axis, and the angle of each photo, from a chessboard standing on it (NAME_ANGLE.jpg)."""
 
     def job() -> Outcome:
         from jaxmocap.workflows.turntable import calibrate_turntable as solve

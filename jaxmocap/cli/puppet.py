@@ -44,7 +44,7 @@ def _step(
 
 @puppet.command
 def colours(
-    tpose: Annotated[Path, Parameter(help="Folder of photographs of the T-pose, *_<angle>.jpg.")],
+    tpose: Annotated[Path, Parameter(help="Folder of photographs of the T-pose, NAME_ANGLE.jpg.")],
     *,
     camera: Camera,
     turntable: Turntable = None,
@@ -92,7 +92,7 @@ def add(
     folder: Folder,
     photos: Photos,
     *,
-    angle: Annotated[float | None, Parameter(help="Of one photograph [degrees]; else *_<angle>.jpg.")] = None,
+    angle: Annotated[float | None, Parameter(help="Of one photograph [degrees]; else NAME_ANGLE.jpg.")] = None,
 ) -> int:
     """Add photographs to a pose; one at an angle that is there replaces that one, which is kept aside."""
 

@@ -6,6 +6,7 @@ import stat
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 from jaxmocap._errors import InputError
 
@@ -35,13 +36,13 @@ def write_bytes(path: str | Path, data: bytes) -> None:
     write_many({path: data})
 
 
-def write_many(files: Mapping[str | Path, bytes]) -> None:
+def write_many(files: Mapping[Any, bytes]) -> None:
     """Write several files, none of which is touched before all of them lie complete beside their targets.
 
     What remains are the renames, which fail only if a folder is changed in that instant.
 
     Args:
-        files: content by path.
+        files: content by path (str or Path).
 
     Raises:
         InputError: if one of them cannot be written, or two paths are the same file.

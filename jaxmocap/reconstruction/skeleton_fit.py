@@ -121,7 +121,7 @@ def _fit(
         max_steps=options["max_steps"], pad=False,
     )  # fmt: skip
     found = _all_lengths(lengths, estimate.value.shared.body, mode)
-    return SkeletonFit(estimate, start.data.start, start.bones, found, mode)
+    return SkeletonFit(estimate, start.data.start, start.bones, found, mode)  # pyright: ignore[reportArgumentType]
 
 
 class _Prepared(NamedTuple):
@@ -168,7 +168,7 @@ def _cut_off(seen: Bool[Array, "markers"]) -> Bool[Array, "markers"]:
 def _without_cut_off(data: FitData, cut: Bool[Array, "poses markers"]) -> FitData:
     if data.seen is not None:
         return eqx.tree_at(lambda d: d.seen.visible, data, data.seen.visible & ~cut[:, None, :])
-    return eqx.tree_at(lambda d: d.whitening, data, jnp.where(cut[..., None, None], 0.0, data.whitening))
+    return eqx.tree_at(lambda d: d.whitening, data, jnp.where(cut[..., None, None], 0.0, data.whitening))  # pyright: ignore[reportArgumentType]
 
 
 def _limbs_seen(seen: Bool[Array, "markers"]) -> Bool[Array, "6"]:

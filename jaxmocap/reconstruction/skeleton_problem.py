@@ -99,7 +99,7 @@ def _pixels(shared: FitShared, local: FitLocal, data: FitData, p: Array) -> Arra
         p_camera = jax.vmap(lambda q: table.turntable.act(angle, q))(p)
         return jax.vmap(lambda q: pixel_of_point(table.intrinsics, table.distortion, q))(p_camera)
 
-    return jax.vmap(at_angle)(local.angles)
+    return jax.vmap(at_angle)(local.angles)  # pyright: ignore[reportArgumentType]
 
 
 def pose_residuals(shared: FitShared, local: FitLocal, data: FitData, common: FitCommon) -> Float[Array, "rows"]:
@@ -107,7 +107,7 @@ def pose_residuals(shared: FitShared, local: FitLocal, data: FitData, common: Fi
 
     Source: stop-motion document, eq. 4.18 and 6.1, as one model.
     """
-    p = bead_points(shared.body, local.pose, data.start)
+    p = bead_points(shared.body, local.pose, data.start)  # pyright: ignore[reportArgumentType]
     if data.seen is not None:
         d = (_pixels(shared, local, data, p) - data.seen.uv) / data.seen.sigma[..., None]
         measured = jnp.where(data.seen.visible[..., None], d, 0.0)
@@ -115,7 +115,7 @@ def pose_residuals(shared: FitShared, local: FitLocal, data: FitData, common: Fi
         assert data.points is not None and data.whitening is not None
         measured = jnp.sum(data.whitening * (p - data.points)[:, None, :], axis=2)
     hold, pose = data.hold, local.pose
-    held = [hold.root_turn * pose.root_turn, hold.turns * pose.turns, hold.slip * pose.slip / common.scale]
+    held = [hold.root_turn * pose.root_turn, hold.turns * pose.turns, hold.slip * pose.slip / common.scale]  # pyright: ignore[reportOptionalMemberAccess]
     return jnp.concatenate([measured.reshape(-1), *(h.reshape(-1) for h in held)])
 
 

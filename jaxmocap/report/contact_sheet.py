@@ -58,7 +58,7 @@ def _draw(panel: Panel) -> Image.Image:
     scale = _WIDTH / photo.width
     photo = photo.resize((_WIDTH, round(photo.height * scale)))
     # Bright photos of dark figures: lifted a little, so that what is not lit can be recognised.
-    photo = photo.point(lambda v: min(255, int(255 * (v / 255) ** 0.8)))
+    photo = photo.point(lambda v: min(255, int(255 * (v / 255) ** 0.8)))  # pyright: ignore[reportOperatorIssue]
     below = _LINE * len(panel.problems)
     size = (_WIDTH + 2 * _FRAME, photo.height + _TITLE + below + 2 * _FRAME)
     picture = Image.new("RGB", size, _BAD if panel.problems else _GOOD)

@@ -16,9 +16,20 @@ _e = html.escape
 class View(Protocol):
     """A scene that turns, ready for a page."""
 
-    style: str
-    body: str
-    scripts: tuple[str, ...]
+    @property
+    def style(self) -> str:
+        """CSS."""
+        ...
+
+    @property
+    def body(self) -> str:
+        """The element that shows it."""
+        ...
+
+    @property
+    def scripts(self) -> tuple[str, ...]:
+        """JavaScript, in this order."""
+        ...
 
     def policy(self, styles: Sequence[str] = ()) -> str:
         """Content security policy of a page with it and further styles."""

@@ -57,10 +57,10 @@ def draw_board(light: Array, camera: PuppetCamera, T_camera_board: Array, board:
     value = _pattern(p / board.square, q / board.square, board) if front else np.full(p.shape, _BACK)
     shaded = np.where(on_board, value * _falloff(x, y, w, R, t, board, look), 0.0).astype(np.float32)
     rows, cover = (sum(a[k::n] for k in range(n)) for a in (shaded, on_board.astype(np.float32)))
-    bright, cover = (sum(a[:, k::n] for k in range(n)) / (n * n) for a in (rows, cover))
+    bright, cover = (sum(a[:, k::n] for k in range(n)) / (n * n) for a in (rows, cover))  # pyright: ignore[reportIndexIssue]
     box = light[v0:v1, u0:u1]
-    box *= 1.0 - cover[..., None]
-    box += bright[..., None]
+    box *= 1.0 - cover[..., None]  # pyright: ignore[reportIndexIssue]
+    box += bright[..., None]  # pyright: ignore[reportIndexIssue]
 
 
 def _pattern(p: Array, q: Array, board: Board) -> Array:

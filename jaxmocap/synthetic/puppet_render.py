@@ -118,10 +118,10 @@ def draw_solids(light: Array, camera: PuppetCamera, solids: Solids, gloss: Array
             x, y = (g[b0 * n : b1 * n, a0 * n : a1 * n] for g in grid)
             _draw_one(depth[here], fine[here], x, y, solids, i, float(gloss[i]), look)
     rows = sum(fine[k::n] for k in range(n))
-    coarse = sum(rows[:, k::n] for k in range(n)) / np.float32(n * n)
+    coarse = sum(rows[:, k::n] for k in range(n)) / np.float32(n * n)  # pyright: ignore[reportIndexIssue]
     box = light[v0:v1, u0:u1]
-    box *= 1.0 - coarse[..., 3:]
-    box += coarse[..., :3]
+    box *= 1.0 - coarse[..., 3:]  # pyright: ignore[reportIndexIssue]
+    box += coarse[..., :3]  # pyright: ignore[reportIndexIssue]
 
 
 def _boxes(camera: PuppetCamera, solids: Solids) -> Array:

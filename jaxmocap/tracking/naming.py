@@ -119,7 +119,7 @@ def _read(cone: np.ndarray, colours: BeadColours, costs: Callable) -> list[_Read
             if (thing >= 0).any():
                 distinct.setdefault(thing.tobytes(), common_gains(cone, colours, thing))
         lights = list(distinct.values()) or [np.ones(3)]
-    readings = [_Reading(*costs(adapted, 1.0), g, adapted) for g in lights for adapted in [under_light(colours, g)]]
+    readings = [_Reading(*costs(adapted, 1.0), g, adapted) for g in lights for adapted in [under_light(colours, g)]]  # pyright: ignore[reportCallIssue]
     return sorted(readings, key=lambda reading: reading.total)
 
 

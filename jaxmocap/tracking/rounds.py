@@ -59,7 +59,7 @@ def tighten(table: CandidateTable, cameras: Camera, gate: float, refine: Refine 
         chosen = tracks.take(_strong(tracks))
         if len(chosen.index) < 2:
             break
-        cameras, _, wanted = refine(*_columns(table, chosen))
+        cameras, _, wanted = refine(*_columns(table, chosen))  # pyright: ignore[reportOptionalCall]
         floor = _MIN_GATE_SIGMA * float(np.median(table.sigma[table.filled]))
         next_gate = min(gate, max(float(wanted), floor))
         settled = next_gate > 0.7 * gate

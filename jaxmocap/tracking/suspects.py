@@ -87,7 +87,7 @@ def suspect_names(
         elif inside[best].sum() * 2 <= len(k) or len(k) < 3:
             undecided[m] = True
             problems.append(
-                f"{name}: its candidates in {', '.join(photo_names[i] for i in k)} do not meet in one point, and no "
+                f"{name}: its candidates in {', '.join(photo_names[i] for i in k)} do not meet in one point, and no "  # pyright: ignore[reportArgumentType, reportCallIssue]
                 "majority says which is wrong. Check the names in these photographs and their angles."
             )
         else:

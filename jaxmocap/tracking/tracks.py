@@ -70,7 +70,7 @@ def find_tracks(table: CandidateTable, views: PhotoViews, gate: float) -> Tracks
             if (best[lead] > 0).sum() < 2:
                 break
             free = (gain > 0).any(axis=0)
-            index = _polish(table, views, np.where(best[lead] > 0, best_slot[lead], -1), free, gate)
+            index = _polish(table, views, np.where(best[lead] > 0, best_slot[lead], -1), free, gate)  # pyright: ignore[reportArgumentType]
             if (index >= 0).sum() < 2:
                 gain[lead] = 0.0
                 continue

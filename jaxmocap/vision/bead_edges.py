@@ -107,7 +107,7 @@ def _sample(rgb: NDArray[np.float32], points: Floats) -> NDArray[np.float32]:
         cv2.remap(rgb, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for part in np.array_split(flat, len(flat) // 32766 + 1)
     ]
-    return np.concatenate(sampled).reshape(*points.shape[:-1], 3)
+    return np.concatenate(sampled).reshape(*points.shape[:-1], 3)  # pyright: ignore[reportReturnType]
 
 
 def _ownness(colours: NDArray[np.float32], seeds: Seeds) -> Floats:
@@ -167,4 +167,4 @@ def _inside(shape: tuple[int, ...], uv: Floats) -> NDArray[np.bool_]:
 
 def select(seeds: Seeds, keep: NDArray) -> Seeds:
     """The seeds that are kept, or in the order of the indices."""
-    return Seeds(*(field[keep] for field in seeds))
+    return Seeds(*(field[keep] for field in seeds))  # pyright: ignore[reportArgumentType]

@@ -51,7 +51,7 @@ class Patches:
     def __init__(self, rgb: NDArray[np.uint8]):
         self.linear = linear_light(rgb)
         self.smooth = cv2.GaussianBlur(rgb, (0, 0), _SMOOTH)
-        self.value = brightest_channel(self.smooth)
+        self.value = brightest_channel(self.smooth)  # pyright: ignore[reportArgumentType]
         small = cv2.resize(rgb, self._shrunk(), interpolation=cv2.INTER_AREA)
         self.ground = cv2.medianBlur(small, _GROUND_WINDOW)
         self.owners = np.zeros(self.value.shape, np.int32)
@@ -117,14 +117,14 @@ class Patches:
         row = np.clip(at[..., 1], 0, self.value.shape[0] - 1)
         column = np.clip(at[..., 0], 0, self.value.shape[1] - 1)
         colour = np.sort(self.smooth[row, column], axis=1)[:, len(_WITHIN) // 2]
-        return linear_light(colour).astype(np.float64)
+        return linear_light(colour).astype(np.float64)  # pyright: ignore[reportArgumentType]
 
     def ground_at(self, uv: Floats) -> Floats:
         """The surroundings' colour (n, 3) at positions (n, 2)."""
         height, width = self.ground.shape[:2]
         column = np.clip((uv[:, 0] + 0.5) * width / self.value.shape[1], 0, width - 1).astype(int)
         row = np.clip((uv[:, 1] + 0.5) * height / self.value.shape[0], 0, height - 1).astype(int)
-        return linear_light(self.ground[row, column]).astype(np.float64)
+        return linear_light(self.ground[row, column]).astype(np.float64)  # pyright: ignore[reportArgumentType]
 
     def explain(self, uv: Floats, radius: Floats, seeds: Seeds) -> None:
         """Give the pixels of these discs that have their bead's colour to it; what was owned before stays so."""
@@ -153,7 +153,7 @@ class Patches:
         for (u, v), r in zip(uv, radius):
             top, left = max(0, int(v - r)), max(0, int(u - r))
             part = np.s_[top : max(top, int(v + r) + 2), left : max(left, int(u + r) + 2)]
-            rows, columns = np.indices(self.owners[part].shape, sparse=True)
+            rows, columns = np.indices(self.owners[part].shape, sparse=True)  # pyright: ignore[reportAssignmentType]
             yield part, (rows + top - v) ** 2 + (columns + left - u) ** 2 <= r**2
 
 
@@ -171,7 +171,7 @@ def _similar(colours: NDArray[np.float32], colour: Floats) -> NDArray[np.bool_]:
 def brightest_channel(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The largest of the three channels, (h, w): saturated colours count as bright, whatever their hue."""
     r, g, b = cv2.split(rgb)
-    return cv2.max(cv2.max(r, g), b)
+    return cv2.max(cv2.max(r, g), b)  # pyright: ignore[reportReturnType]
 
 
 def empty_seeds() -> Seeds:

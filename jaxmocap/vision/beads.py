@@ -168,7 +168,7 @@ def _of_usual_size(
 def _joined(first: tuple[Seeds, Circles], second: tuple[Seeds, Circles]) -> tuple[Seeds, Circles]:
     """One table of two."""
     seeds, circles = zip(first, second)
-    return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))
+    return Seeds(*map(np.concatenate, zip(*seeds))), Circles(*map(np.concatenate, zip(*circles)))  # pyright: ignore[reportArgumentType]
 
 
 def _usual(limits: tuple[float, float], prior: tuple[float, float] | None) -> float:
@@ -204,7 +204,7 @@ def _size_of_beads(circles: Circles, limits: tuple[float, float]) -> tuple[float
 
 def _recentred(seeds: Seeds, circles: Circles, patches: Patches) -> Seeds:
     """Seeds moved to the circle's centre where that is in the visible part: from there all rays meet the edge alike."""
-    height, width = patches.owners.shape
+    height, width = patches.owners.shape  # pyright: ignore[reportAssignmentType]
     column = np.clip(np.rint(circles.uv[:, 0]), 0, width - 1).astype(int)
     row = np.clip(np.rint(circles.uv[:, 1]), 0, height - 1).astype(int)
     seen = (patches.owners[row, column] == seeds.owner) & (circles.arc > 0.7)
@@ -279,7 +279,7 @@ def _inside_hsb(rgb: NDArray[np.uint8], owners: NDArray[np.int32], seeds: Seeds,
 def _best(beads: BeadCandidates, most: int | None) -> BeadCandidates:
     """The candidates in order of their score, at most so many."""
     order = np.argsort(-beads.score, kind="stable")[:most]
-    return BeadCandidates(*(field[order] for field in beads))
+    return BeadCandidates(*(field[order] for field in beads))  # pyright: ignore[reportArgumentType]
 
 
 def _none() -> BeadCandidates:

@@ -218,7 +218,7 @@ def _refined_sheared(grey: Grey, uv: Floats, columns_rows: tuple[int, int], find
         half = np.floor(np.minimum(fraction * square, border)).astype(np.int64)
         if (half * free / square < _LEAST_HALF_WINDOW).any():
             return None
-        refined = np.array([refine_one(smooth, *one, _SUBPIX_STOP) for one in zip(uv, A, half.tolist())])
+        refined = np.array([refine_one(smooth, *one, _SUBPIX_STOP) for one in zip(uv, A, half.tolist())])  # pyright: ignore[reportArgumentType]
         move = np.abs(np.linalg.solve(A, (refined - uv)[..., None])[..., 0])
         if (move.max(axis=1) > half).any():
             return None

@@ -39,7 +39,7 @@ def find_stretched(grey: Grey, find: Callable[[Grey], Floats | None]) -> Floats 
         M, size = _stretching(grey.shape[::-1], np.pi * k / _DIRECTIONS)
         # Brightness beyond the border is repeated: black there would make new edges.
         copy = cv2.warpAffine(grey, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        found = find(copy)
+        found = find(copy)  # pyright: ignore[reportArgumentType]
         if found is not None:
             return (found - M[:, 2]) @ np.linalg.inv(M[:, :2]).T
     return None

@@ -40,7 +40,7 @@ def grey_of(rgb: NDArray) -> NDArray[np.uint8]:
     Raises:
         InputError: Not a colour picture.
     """
-    return cv2.cvtColor(check_rgb(rgb), cv2.COLOR_RGB2GRAY)
+    return cv2.cvtColor(check_rgb(rgb), cv2.COLOR_RGB2GRAY)  # pyright: ignore[reportReturnType]
 
 
 def mean_threshold(grey: NDArray) -> int:

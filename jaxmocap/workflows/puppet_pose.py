@@ -83,7 +83,8 @@ class PuppetPose:
     @property
     def sigma_angles_deg(self) -> np.ndarray:
         """(photos,) standard deviations; zero for the one that holds the zero."""
-        return np.degrees(np.sqrt(np.maximum(np.diag(np.asarray(self.solved.covariance))[4:], 0.0)))
+        sigma = np.degrees(np.sqrt(np.maximum(np.diag(np.asarray(self.solved.covariance))[4:], 0.0)))
+        return np.where(Angles.of(self.beads.stated_deg).held, 0.0, sigma)
 
     def directions(self) -> dict[str, np.ndarray]:
         """Unit direction of every bone that has one: between its beads where it has two, else the document's."""

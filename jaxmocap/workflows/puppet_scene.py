@@ -1,6 +1,5 @@
 """Camera and turntable of a puppet's photographs: read, converted to one unit, improved from beads. No formula."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -63,7 +62,7 @@ class Angles(NamedTuple):
     """How far a photograph may be off [rad]: half a step, where it would pass for its neighbour, is 3 sigma."""
 
     @classmethod
-    def of(cls, stated_deg: Sequence[float]) -> "Angles":
+    def of(cls, stated_deg: np.ndarray) -> "Angles":
         """Angles in degrees as they are stated."""
         deg = np.asarray(stated_deg, float)
         held = np.arange(len(deg)) == int(np.argmin(np.abs(wrap_deg(deg))))

@@ -83,12 +83,12 @@ class TurntableResult:
         """The turntable as its file holds it."""
         t, axis = self.solved.turntable, self.axis
         return TurntableFile(
-            rotation=tuple(float(x) for x in t.rotvec),
+            rotation=tuple(float(x) for x in t.rotvec),  # pyright: ignore[reportArgumentType]
             distance=float(t.distance),
             height=float(t.height),
             unit=self.unit,
             covariance=np.asarray(self.solved.covariance)[:4, :4],
-            axis={
+            axis={  # pyright: ignore[reportArgumentType]
                 name: tuple(float(x) for x in getattr(axis, name))
                 for name in ("point", "direction", "sigma_point", "sigma_direction")
             },
