@@ -27,6 +27,7 @@ from typing import Any, Generic, TypeVar, cast
 import equinox as eqx
 import jax
 import jax.export
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
@@ -169,7 +170,8 @@ class Program(Generic[R]):
 
     def __call__(self, *args: Any, **kwargs: Any) -> R:
         """The function's value."""
-        if any(isinstance(x, Tracer) for x in jax.tree.leaves((args, kwargs))):
+        # A number made here is traced if this call stands inside another program, whatever its arguments are.
+        if any(isinstance(x, Tracer) for x in jax.tree.leaves((args, kwargs, jnp.zeros(())))):
             return self._inner(*args, **kwargs)  # options may only be given to the outermost program
         if self._outer is None:
             options: Any = {"compiler_options": _QUICK_TO_COMPILE} if _known() else {}

@@ -81,6 +81,12 @@ def test_transformations_see_through_it(folder):
     np.testing.assert_allclose(many, np.stack([R, R.T]), atol=1e-15)
 
 
+def test_inside_another_program_with_plain_arguments():
+    inner = exp_program()
+    found = jax.jit(lambda x: x * inner(jnp.asarray(V)))(jnp.asarray(2.0))
+    np.testing.assert_allclose(found, 2.0 * R, atol=1e-15)
+
+
 def test_another_version_of_the_package_finds_nothing(folder, stored, monkeypatch):
     exp_program()(jnp.asarray(V))
     monkeypatch.setattr(_programs, "_fingerprint", lambda: "other")
