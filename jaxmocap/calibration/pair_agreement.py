@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtri
 
-_LIMIT = float(chi2.isf(1e-6, 6))
+_LIMIT = float(chdtri(6, 1e-6))
 """Squared, normalised difference of two poses (6 numbers) that one view in a million exceeds by independent noise."""
 
 SHARED_ERRORS = 25.0
