@@ -1,5 +1,6 @@
 """Small sets of drawn puppet photographs with their camera, for the end-to-end tests."""
 
+import shutil
 from functools import cache
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from jaxmocap.io import NamedCamera, RigFile, write_rig
 from jaxmocap.synthetic.puppet import PuppetPhoto, Studio, puppet_take
 from jaxmocap.synthetic.puppet_camera import PuppetCamera
 from jaxmocap.synthetic.puppet_figure import POSES, Figure, pose_figure
+from jaxmocap.workflows.stopmotion import add_to_puppet, new_puppet
 
 STEP = 45
 """Between photographs [degrees]: eight of them, so that all beads have their views."""
@@ -50,4 +52,15 @@ def write_camera(path: Path, cameras: int = 1, unit: str = "mm", size: tuple[int
     names = [f"cam{k + 1}" for k in range(cameras)]
     sigmas = {name: {"fx": 0.4, "fy": 0.4, "cx": 0.4, "cy": 0.4} for name in names}
     write_rig(path, RigFile(tuple(NamedCamera(name, camera) for name in names), unit=unit, sigmas=sigmas))
+    return path
+
+
+def folder_of(path: Path, drawn: Path, photos: dict[int, Path]) -> Path:
+    """A pose whose photographs stand at the angles given, whatever their names say."""
+    new_puppet(path, drawn / "camera.toml", colours=drawn / "colours.toml")
+    renamed = path.parent / f"{path.name} photos"
+    renamed.mkdir()
+    for angle, file in photos.items():
+        shutil.copy(file, renamed / f"p_{angle:03d}{file.suffix}")
+    add_to_puppet(path, renamed)
     return path

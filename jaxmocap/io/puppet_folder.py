@@ -104,6 +104,22 @@ def create_puppet_folder(
     return folder
 
 
+def read_index(path: str | Path) -> PuppetFolder:
+    """What a `puppet.toml` says, whether or not its files are there.
+
+    Raises:
+        InputError: naming file and key.
+    """
+    index = Path(path)
+    try:
+        table = tomllib.loads(read_text(index, _MAX_BYTES))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{index}: not valid TOML: {str(error)[:300]}. Restore it, or make the folder anew.") from None
+    return _checked(index.parent, index, table)
+
+
 def inputs_of(path: str | Path) -> list[Path]:
     """Files of a folder that no result may replace: its index, copies of what it was made with, photographs."""
     path = Path(path)
@@ -125,16 +141,9 @@ def open_puppet_folder(path: str | Path, *, repair: bool = False) -> PuppetFolde
         InputError: no puppet's folder, a damaged `puppet.toml`, or files that are gone (each named).
     """
     path = Path(path)
-    index = path / INDEX
-    if not index.is_file():
+    if not (path / INDEX).is_file():
         raise InputError(f"{path}: is no puppet's folder (it has no {INDEX}). Make one with `jaxmocap puppet new`.")
-    try:
-        table = tomllib.loads(read_text(index, _MAX_BYTES))
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{index}: not valid TOML: {str(error)[:300]}. Restore it, or make the folder anew.") from None
-    folder = _checked(path, table)
+    folder = read_index(path / INDEX)
     gone = [name for name in folder.photos.values() if not folder.photo(name).is_file()]
     if gone and not repair:
         raise InputError(
@@ -242,8 +251,8 @@ def _write_index(folder: PuppetFolder) -> None:
     write_text(folder.path / INDEX, tomli_w.dumps(table))
 
 
-def _checked(path: Path, table: dict[str, object]) -> PuppetFolder:
-    where = f"{path / INDEX}"
+def _checked(path: Path, index: Path, table: dict[str, object]) -> PuppetFolder:
+    where = str(index)
     for key in table:
         if key not in _KEYS:
             close = nearest(key, _KEYS)

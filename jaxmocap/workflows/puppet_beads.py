@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +22,7 @@ Progress = Callable[[int, int], None]
 # moves by 5 px per 30 degrees in the document's build. Three sigma of a coarse centre are well between.
 _STILL_PX = 1.0
 _STILL_SHARE = 0.8
+_BEAD_PX = 1.0  # three sigma of a coarse centre, too: a residual beyond it is no error of centres
 _CLEAR_ARC = 0.75  # of the outline: a bead that is seen as a whole but for what touches it
 
 
@@ -124,15 +126,12 @@ def name_beads(photos: BeadPhotos, scene: PuppetScene, colours: BeadColours, mod
     require_x64("Identification")
     _refuse_still(photos)
     result = _identify(photos, scene, colours, mode, photos.stated_deg)
-    if mode == "best" and len(photos.names) > 2 and _sure(result) < len(MARKERS) // 2:
-        mirrored = _identify(photos, scene, colours, mode, -photos.stated_deg)
-        # Half as many again: chance makes one or two beads meet, not half of the puppet.
-        if _sure(mirrored) > 1.5 * max(_sure(result), 2):
-            raise SolveError(
-                f"The turntable turned the other way: {_sure(mirrored)} beads fit together if the angles are taken as "
-                f"negative, {_sure(result)} as stated. Angles count anticlockwise seen from above, so that the "
-                "puppet's front moves to the right of the picture: rename the photos to 360 minus their angle."
-            )
+    if mode == "best" and len(photos.names) > 2:
+
+        def mirrored() -> _Fit:
+            return _fit_of_names(_identify(photos, scene, colours, mode, -photos.stated_deg))
+
+        _refuse_backwards(_fit_of_names(result), mirrored)
     return _named(photos, colours, result)
 
 
@@ -140,7 +139,7 @@ def learn_from_tpose(photos: BeadPhotos, scene: PuppetScene) -> TPoseColours:
     """Colours of the beads from a turn of the T-pose.
 
     Raises:
-        SolveError: the turntable did not turn, or fewer than three photographs.
+        SolveError: the turntable did not turn or turned the other way, or fewer than three photographs.
     Source: stop-motion document, 3.2.
     """
     require_x64("Learning colours")
@@ -150,15 +149,59 @@ def learn_from_tpose(photos: BeadPhotos, scene: PuppetScene) -> TPoseColours:
             "are. Take one every 30 degrees."
         )
     _refuse_still(photos)
-    angles = Angles.of(photos.stated_deg)
-    cameras = cameras_at(scene, scene.turntable, angles.stated)
-    return colours_from_tpose(photos.candidates, cameras, refine=refiner(scene, angles))
+    found = _tpose(photos, scene, photos.stated_deg)
+    _refuse_backwards(_fit_of_tpose(found), lambda: _fit_of_tpose(_tpose(photos, scene, -photos.stated_deg)))
+    return found
 
 
 def colours_file(found: TPoseColours, photos: BeadPhotos, command: str) -> ColoursFile:
     """What `puppet colours` writes."""
     assert found.colours is not None
     return ColoursFile(found.colours, inputs=photos.inputs, settings={"command": command})
+
+
+class _Fit(NamedTuple):
+    """How well photographs agree with their angles."""
+
+    beads: int
+    """Named in two photographs or more."""
+    gate: float
+    """Three standard deviations of what is left between beads and pixels [px]."""
+
+
+def _fit_of_names(result: Identification) -> _Fit:
+    return _Fit(int(((result.index >= 0).sum(axis=0) >= 2).sum()), float(result.gate))
+
+
+def _fit_of_tpose(found: TPoseColours) -> _Fit:
+    return _Fit(int(((found.index >= 0).sum(axis=0) >= 2).sum()), float(found.gate))
+
+
+def _refuse_backwards(stated: _Fit, mirrored: Callable[[], _Fit]) -> None:
+    """Refuse angles that fit better with the other sign.
+
+    A figure seen from afar looks the same when its depth is reversed and it turns the other way: beads do get names
+    then, some of them wrong ones. What perspective changes, some pixels, remains as residual.
+    """
+    if stated.beads >= 0.75 * len(MARKERS) and stated.gate < _BEAD_PX:
+        return
+    other = mirrored()
+    # Half as many again: chance makes one or two beads meet, not half of the puppet.
+    more = other.beads > 1.5 * max(stated.beads, 2)
+    sharper = other.beads >= max(stated.beads, len(MARKERS) // 2) and other.gate < 0.5 * stated.gate
+    if more or sharper:
+        raise SolveError(
+            f"The turntable turned the other way: with the angles taken as negative, {other.beads} beads fit together "
+            f"within {other.gate:.1f} px; as stated, {stated.beads} within {stated.gate:.1f} px. Angles count "
+            "anticlockwise seen from above, so that the puppet's front moves to the right of the picture: rename the "
+            "photos to 360 minus their angle."
+        )
+
+
+def _tpose(photos: BeadPhotos, scene: PuppetScene, stated_deg: np.ndarray) -> TPoseColours:
+    angles = Angles.of(stated_deg)
+    cameras = cameras_at(scene, scene.turntable, angles.stated)
+    return colours_from_tpose(photos.candidates, cameras, refine=refiner(scene, angles))
 
 
 def _identify(
@@ -168,10 +211,6 @@ def _identify(
     cameras = cameras_at(scene, scene.turntable, angles.stated)
     refine = refiner(scene, angles) if mode == "best" and len(photos.names) > 1 else None
     return identify_beads(photos.candidates, cameras, colours, mode=mode, refine=refine)
-
-
-def _sure(result: Identification) -> int:
-    return int(((result.index >= 0).sum(axis=0) >= 2).sum())
 
 
 def _named(photos: BeadPhotos, colours: BeadColours, result: Identification) -> NamedBeads:

@@ -170,7 +170,7 @@ def improve(
     more = -n % _PHOTOS
     turntable, start_angles = at
 
-    def pad(x: np.ndarray, value: float = 0.0) -> np.ndarray:
+    def pad(x: np.ndarray, value: float | bool = 0.0) -> np.ndarray:
         return np.concatenate([x, np.full((more, *x.shape[1:]), value, x.dtype)])
 
     seen = PixelObservations(*(jnp.asarray(np.swapaxes(x, 0, 1)) for x in (pad(uv), pad(visible), pad(sigma, 1.0))))

@@ -1,7 +1,9 @@
 """What the steps of stop-motion capture say: plain text for the terminal, records for `--json`, and back."""
 
+import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -82,12 +84,30 @@ def beads_json(beads: NamedBeads) -> dict[str, Any]:
     }
 
 
-def beads_from_json(content: Mapping[str, Any], stated_deg: Mapping[str, float]) -> NamedBeads:
-    """What `beads_json` wrote.
+def read_beads(
+    path: Path, stated_deg: Mapping[str, float], inputs: Mapping[str, str]
+) -> tuple[NamedBeads, tuple[str, ...]] | None:
+    """Beads that a file holds, and what was said of them; None if it is gone, damaged or of other files.
 
-    Raises:
-        KeyError, TypeError, ValueError, OverflowError: if it is not that, or of other photographs.
+    Args:
+        path: where `identify` wrote its result.
+        stated_deg: angles by photograph.
+        inputs: SHA-256 of everything that names depend on.
+
+    Returns:
+        NamedBeads and sentences.
     """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["inputs"] != dict(inputs):
+            return None
+        return _beads_from_json(content, stated_deg), tuple(map(str, content["warnings"]))
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
+        return None
+
+
+def _beads_from_json(content: Mapping[str, Any], stated_deg: Mapping[str, float]) -> NamedBeads:
+    """What `beads_json` wrote; raises any error if it is not that."""
     names = tuple(stated_deg)
     if content["stated_deg"] != dict(stated_deg):
         raise ValueError("other photographs or angles")

@@ -1,6 +1,5 @@
 """Stop-motion capture, step by step: colours, a folder for a pose, its photographs, names, places, skeleton, files."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -45,13 +44,13 @@ from jaxmocap.workflows.puppet_beads import (
 from jaxmocap.workflows.puppet_pose import PuppetPose, reconstruct_pose
 from jaxmocap.workflows.puppet_scene import PuppetScene, check_photo_size, load_scene
 from jaxmocap.workflows.puppet_words import (
-    beads_from_json,
     beads_json,
     beads_summary,
     colours_json,
     colours_summary,
     pose_json,
     pose_summary,
+    read_beads,
     record,
 )
 from jaxmocap.workflows.turntable import stated_angle
@@ -353,14 +352,8 @@ def _hashes(folder: PuppetFolder) -> dict[str, str]:
 
 def _stored_beads(folder: PuppetFolder) -> tuple[NamedBeads, tuple[str, ...]] | None:
     """What `identify` wrote and said, if it is of these files and whole."""
-    try:
-        content = json.loads((folder.path / IDENTIFIED).read_text(encoding="utf-8"))
-        if content["inputs"] != _hashes(folder):
-            return None
-        beads = beads_from_json(content, {name: a for a, name in folder.photos.items()})
-        return beads, tuple(map(str, content["warnings"]))
-    except (OSError, ValueError, LookupError, TypeError, AttributeError, OverflowError, RecursionError):
-        return None
+    stated = {name: angle for angle, name in folder.photos.items()}
+    return read_beads(folder.path / IDENTIFIED, stated, _hashes(folder))
 
 
 def _lengths(folder: PuppetFolder, scene: PuppetScene) -> tuple[np.ndarray, bool, list[str]]:

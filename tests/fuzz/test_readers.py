@@ -89,6 +89,23 @@ schema = 1
 [metadata.inputs]
 "tpose_000.jpg" = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855"
 """
+PUPPET = """\
+schema = 1
+unit = "mm"
+distance = 400.0
+height = 80.0
+inputs = ["camera", "colours"]
+[photos]
+0 = "a_000.jpg"
+"-12.5" = "b \\u00e4.png"
+"""
+IDENTIFIED = """{
+ "inputs": {"a_000.jpg": "e3b0"}, "warnings": ["one"], "stated_deg": {"a_000.jpg": 0.0},
+ "detections": {"a_000.jpg": {"head.1": [310.25, 200.5], "arm.L1": [1e2, 7]}},
+ "sigma_px": {"a_000.jpg": {"head.1": 0.1, "arm.L1": 0.2}}, "radius_px": {"a_000.jpg": {"head.1": 6.5, "arm.L1": 7}},
+ "rejected": {"a_000.jpg": [[3.5, 4.5]]}, "unsure": {"a_000.jpg": 1}
+}
+"""
 
 
 def _glb() -> bytes:
@@ -124,6 +141,8 @@ def _glb() -> bytes:
 
 
 SEEDS: dict[str, str | bytes] = {
+    "puppet_folder.read_index": PUPPET,
+    "read_beads": IDENTIFIED,
     "read_glb": _glb(),
     "read_colours": COLOURS,
     "read_rig": TOML,
@@ -142,12 +161,18 @@ NASTY = [
 ]  # fmt: skip
 
 _WORKER = f"""
-import resource, signal, sys
+import operator, resource, signal, sys
+from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
 import jaxmocap.io as io
-from jaxmocap._errors import JaxMocapError
-reader = getattr(io, sys.argv[1])
+import jaxmocap.io.puppet_folder
+from jaxmocap._errors import InputError, JaxMocapError
+from jaxmocap.workflows import puppet_words
+def read_beads(path):  # what is damaged is None there: it is found anew
+    if puppet_words.read_beads(Path(path), {{"a_000.jpg": 0.0}}, {{"a_000.jpg": "e3b0"}}) is None:
+        raise InputError(path)
+reader = read_beads if sys.argv[1] == "read_beads" else operator.attrgetter(sys.argv[1])(io)
 reader(sys.argv[2])  # the undamaged file: compiles what is compiled, and must be read
 pages = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (pages + {MEMORY_GIB} * 2**30,) * 2)
